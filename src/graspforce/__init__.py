@@ -1,0 +1,92 @@
+"""graspforce: grasp forces for multi-fingered hands.
+
+Find the contact forces c that give an object the wrench f (W c = f), stay inside the exact
+friction cones and the joint torque limits, and sit where you want them between a firm grip and
+a light one: the Weighted Barrier Function method of Borgstrom, Batalin, Sukhatme and Kaiser.
+
+>>> import graspforce as gf
+>>> contacts = [
+...     gf.Contact(point=(0.04, 0, 0), normal=(-1, 0, 0), model=gf.PCWF(mu=0.5)),
+...     gf.Contact(point=(-0.02, 0.03, 0), normal=(0.5, -0.75**0.5, 0), model=gf.PCWF(mu=0.5)),
+...     gf.Contact(point=(-0.02, -0.03, 0), normal=(0.5, 0.75**0.5, 0), model=gf.PCWF(mu=0.5)),
+... ]
+>>> problem = gf.Grasp(contacts).problem(f=[0, 0, 2.5, 0, 0, 0], c_max=20)
+>>> gf.solve(problem).status.name
+'SOLVED'
+
+Units are SI: N, N·m, m. The package's pages: ``docs/conventions.md`` first.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from graspforce.certificate import Certificate, check_certificate
+from graspforce.contact import FPC, PCWF, SFC, Contact
+from graspforce.errors import (
+    GraspForceError,
+    InfeasibleGraspError,
+    InvalidInputError,
+    MissingExtraError,
+    ModelImportError,
+    NotConvergedError,
+    SolveError,
+)
+from graspforce.grasp import Grasp
+from graspforce.grasp_map import grasp_map
+from graspforce.outcome import Status
+from graspforce.problem import ForceProblem
+from graspforce.servo import Servo
+from graspforce.settings import Settings
+from graspforce.solution import Solution, Verification
+from graspforce.solve import solve
+
+if TYPE_CHECKING:
+    from graspforce import figures, hands, reference, regrasp, scenarios, trajectory
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "FPC",
+    "PCWF",
+    "SFC",
+    "Certificate",
+    "Contact",
+    "ForceProblem",
+    "Grasp",
+    "GraspForceError",
+    "InfeasibleGraspError",
+    "InvalidInputError",
+    "MissingExtraError",
+    "ModelImportError",
+    "NotConvergedError",
+    "Servo",
+    "Settings",
+    "Solution",
+    "SolveError",
+    "Status",
+    "Verification",
+    "check_certificate",
+    "figures",
+    "grasp_map",
+    "hands",
+    "reference",
+    "regrasp",
+    "scenarios",
+    "solve",
+    "trajectory",
+]
+
+# Imported at first use, so that `import graspforce` stays as light as NumPy.
+_LAZY = frozenset({"figures", "hands", "reference", "regrasp", "scenarios", "trajectory"})
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return importlib.import_module(f"graspforce.{name}")
+    raise AttributeError(f"module 'graspforce' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,66 @@
+"""A proof that no contact force does the job, which anyone can check with NumPy.
+
+Let A c ≤ b be every linear limit of the problem. If a wrench direction y and multipliers z ≥ 0
+make ``e = A.T z − W.T y`` lie, contact by contact, in the dual of the friction cone, then every
+admissible c has y·f = y·W c = z·A c − e·c ≤ z·b. So ``y·f > z·b`` proves that there is none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspforce._arrays import Array
+from graspforce.problem import ForceProblem
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """Multipliers that prove a grasp infeasible.
+
+    Attributes:
+        y: wrench direction, shape (k,): the grasp cannot push the object hard enough along it.
+        z: multipliers of the rows of ``problem.linear_limits()``, shape (v,), none negative.
+    """
+
+    y: Array
+    z: Array
+
+    def excess(self, problem: ForceProblem) -> float:
+        """Return y·f − z·b: by how much the wanted wrench exceeds the most that is possible."""
+        return float(self.y @ problem.f - self.z @ problem.linear_limits()[1])
+
+    def proves_infeasible(self, problem: ForceProblem) -> bool:
+        """Check the proof from the problem's data alone; see :func:`check_certificate`."""
+        return check_certificate(problem, self)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Certificate):
+            return NotImplemented
+        return np.array_equal(self.y, other.y) and np.array_equal(self.z, other.z)
+
+    def __hash__(self) -> int:
+        return hash((self.y.tobytes(), self.z.tobytes()))
+
+
+def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:
+    """Confirm that ``certificate`` proves ``problem`` infeasible, rounding accounted for.
+
+    Each sum of p products is off by at most about p·2⁻⁵³ of its absolute terms; the check asks
+    for more than 1e-14·p of them on the safe side.
+    """
+    A, b = problem.linear_limits()
+    y, z, W, f = certificate.y, certificate.z, problem.W, problem.f
+    unit = 1e-14 * (len(y) + len(z))
+    e = A.T @ z - W.T @ y
+    slop = unit * (np.abs(A.T) @ np.abs(z) + np.abs(W.T) @ np.abs(y))
+    for i, (start, end) in enumerate(zip(problem.starts, problem.starts[1:], strict=False)):
+        if problem.active[i]:  # the dual cone: e_n ≥ mu ‖(e_x, e_y, (gamma/mu) e_torsion)‖
+            weight = np.array([1.0, 1.0, problem.gamma[i] / problem.mu[i]])[: end - start - 1]
+            tangent = weight * e[start + 1 : end]
+            safe = slop[start] + problem.mu[i] * np.linalg.norm(weight * slop[start + 1 : end])
+            if e[start] - problem.mu[i] * np.linalg.norm(tangent) < safe:
+                return False
+    gap = y @ f - z @ b
+    return bool((z >= 0).all() and gap > unit * (np.abs(y) @ np.abs(f) + z @ np.abs(b)))

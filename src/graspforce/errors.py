@@ -1,0 +1,56 @@
+"""The exceptions of graspforce.
+
+An exception says that the caller is wrong or that something is missing: which argument, what
+came, what was expected. What the mathematics finds (a grasp that cannot carry the load, say)
+is never an exception but a :class:`graspforce.Status` on the solution; the two classes under
+:class:`SolveError` exist for callers who ask for it with ``check=True`` or
+``Solution.raise_if_failed()``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from graspforce.solution import Solution
+
+
+class GraspForceError(Exception):
+    """Base of every exception that graspforce raises on purpose."""
+
+
+class InvalidInputError(GraspForceError, ValueError):
+    """An argument is wrong; the text names it, what came and what was expected."""
+
+
+class ModelImportError(GraspForceError):
+    """A robot or scene file could not be read or understood."""
+
+
+class MissingExtraError(GraspForceError, ImportError):
+    """An optional package is not installed; the text gives the pip line."""
+
+    def __init__(self, purpose: str, package: str, extra: str) -> None:
+        super().__init__(
+            f"{purpose} needs {package}, which is not installed: pip install 'graspforce[{extra}]'"
+        )
+
+
+class SolveError(GraspForceError):
+    """A solution was required to be SOLVED and is not; ``solution`` holds what was found."""
+
+    def __init__(self, solution: Solution) -> None:
+        super().__init__(f"{solution.status.name}: {solution.message}")
+        self.solution = solution
+
+    def __reduce__(self) -> tuple[type[SolveError], tuple[Solution]]:
+        """Pickle by the solution: the text is derived from it."""
+        return (type(self), (self.solution,))
+
+
+class InfeasibleGraspError(SolveError):
+    """No contact force gives the wrench within the cones and limits."""
+
+
+class NotConvergedError(SolveError):
+    """The solver stopped before it could certify an answer."""

@@ -1,0 +1,8 @@
+"""Hands: what turns contacts and joint angles into a Jacobian and torque limits."""
+
+from __future__ import annotations
+
+from graspforce.hands.hand import Hand
+
+
+__all__ = ["Hand"]

@@ -1,0 +1,79 @@
+"""What a backend hands back: the verdict and the raw numbers behind it."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Protocol
+
+from graspforce._arrays import Array
+
+
+class Status(enum.IntEnum):
+    """What the mathematics found."""
+
+    SOLVED = 0  #: strictly inside every limit, W c = f, suboptimality certified
+    INFEASIBLE = 1  #: no force satisfies everything; a certificate proves it
+    WRENCH_UNREACHABLE = 2  #: f is outside the range of W: no contact force makes it
+    UNBOUNDED = 3  #: nothing limits the grip, so Phi has no minimum
+    MAX_STEPS = 4  #: the step limit came first; the force is the best one known
+    STALLED = 5  #: rounding stopped the progress; the force is the best one known
+    INVALID_NUMBERS = 6  #: the data overflow in double precision
+
+
+class Outcome(Protocol):
+    """The result of one solve, as the native core and the reference both return it."""
+
+    @property
+    def status(self) -> int:
+        """The verdict, a value of :class:`Status`."""
+        ...
+
+    @property
+    def newton_steps(self) -> int:
+        """Newton systems solved, those of Phase 1 included."""
+        ...
+
+    @property
+    def c(self) -> Array:
+        """Contact forces, shape (m,)."""
+        ...
+
+    @property
+    def nu(self) -> Array:
+        """Multipliers of W c = f, shape (k,)."""
+        ...
+
+    @property
+    def decrement(self) -> float:
+        """Certified bound on the Newton decrement at c, for Phi / min(1, alpha)."""
+        ...
+
+    @property
+    def violation(self) -> float:
+        """Least relative violation that Phase 1 reached; 0 when it did not have to."""
+        ...
+
+    @property
+    def y(self) -> Array | None:
+        """Wrench direction of the certificate of infeasibility, shape (k,)."""
+        ...
+
+    @property
+    def z(self) -> Array | None:
+        """Its multipliers for all linear limits, the uncounted ones zero."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PlainOutcome:
+    """An :class:`Outcome` of plain Python data: the reference's, and what pickles."""
+
+    status: int
+    newton_steps: int
+    c: Array
+    nu: Array
+    decrement: float = float("inf")
+    violation: float = 0.0
+    y: Array | None = None
+    z: Array | None = None

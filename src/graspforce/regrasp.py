@@ -1,0 +1,105 @@
+"""Engagement schedules: fingers that let go and take hold again (Section III-C.3).
+
+The ceiling of a finger's normal force is engagement·c_max (Eq. 20). A schedule takes the
+engagement from 1 to 0 before the finger leaves and back to 1 after it returned. At or below
+``REMOVAL_THRESHOLD`` the finger has left the problem altogether.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspforce._arrays import Array, as_array, as_positive
+from graspforce.errors import InvalidInputError
+from graspforce.problem import REMOVAL_THRESHOLD
+
+__all__ = ["REMOVAL_THRESHOLD", "Release", "Schedule", "is_removed", "linear", "smooth"]
+
+
+def is_removed(engagement: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Tell which contacts count as out of the grasp, same shape as ``engagement``."""
+    return np.asarray(engagement) <= REMOVAL_THRESHOLD
+
+
+def linear(s: ArrayLike) -> Array:
+    """Rise from 0 at s = 0 to 1 at s = 1 in a straight line, as in the paper; flat outside."""
+    return np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
+
+
+def smooth(s: ArrayLike) -> Array:
+    """Rise from 0 at s = 0 to 1 at s = 1 with continuous second derivative; flat outside.
+
+    The quintic s³ (10 − 15 s + 6 s²): its first and second derivatives vanish at both ends.
+    """
+    x = linear(s)
+    return x**3 * (10 - 15 * x + 6 * x**2)
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """One finger's absence: engagement 0 between ``leave`` and ``back``.
+
+    Args:
+        finger: index of the contact.
+        leave: when it has let go [s]; its engagement falls during ``ramp`` before that.
+        back: when it touches again [s]; its engagement rises during ``ramp`` after that.
+        ramp: length of each transition [s].
+    """
+
+    finger: int
+    leave: float
+    back: float
+    ramp: float
+
+    def __post_init__(self) -> None:
+        as_positive(self.ramp, "Release.ramp", "s")
+        if self.finger < 0:
+            raise InvalidInputError(f"Release.finger: got {self.finger}, expected 0 or more")
+        if not self.leave <= self.back:
+            raise InvalidInputError(
+                f"Release.back: got {self.back} s, expected leave = {self.leave} s or later"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """The engagement of every contact over time.
+
+    Args:
+        contacts: n, the number of contacts.
+        releases: which finger is away when; one finger may appear several times.
+        shape: "linear" as in the paper, or "smooth" (C²).
+    """
+
+    contacts: int
+    releases: Sequence[Release] = ()
+    shape: Literal["linear", "smooth"] = "linear"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "releases", tuple(self.releases))
+        for release in self.releases:
+            if release.finger >= self.contacts:
+                raise InvalidInputError(
+                    f"Release.finger: got {release.finger}, expected less than {self.contacts}, "
+                    "the number of contacts"
+                )
+        if self.shape not in ("linear", "smooth"):
+            raise InvalidInputError(f"shape: got {self.shape!r}, expected 'linear' or 'smooth'")
+
+    def __call__(self, t: float) -> Array:
+        """Return the engagement of every contact at time t [s], shape (n,)."""
+        time = float(as_array(t, "t", ()))
+        rise = smooth if self.shape == "smooth" else linear
+        engagement = np.ones(self.contacts)
+        for release in self.releases:
+            before = rise((release.leave - time) / release.ramp)
+            after = rise((time - release.back) / release.ramp)
+            engagement[release.finger] = min(
+                engagement[release.finger], float(np.maximum(before, after))
+            )
+        return engagement

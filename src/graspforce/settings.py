@@ -1,0 +1,38 @@
+"""What a caller may choose about the solving itself, as opposed to the problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from graspforce._arrays import as_positive
+from graspforce.errors import InvalidInputError
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Stopping rule and backend of :func:`graspforce.solve` and :class:`graspforce.Servo`.
+
+    Args:
+        tol: certified bound on decrement²/2 at return, for Phi / min(1, alpha), so that every
+            barrier term is standard self-concordant.
+        max_steps: the most Newton steps of one phase (Phase 1 and the minimisation each).
+        backend: "native" for the C++ core, "reference" for the NumPy transcription of the paper.
+
+    Raises:
+        InvalidInputError: tol or max_steps out of range, or an unknown backend.
+    """
+
+    tol: float = 1e-9
+    max_steps: int = 200
+    backend: Literal["native", "reference"] = "native"
+
+    def __post_init__(self) -> None:
+        if as_positive(self.tol, "tol") >= 1:
+            raise InvalidInputError(f"tol: got {self.tol}, expected less than 1")
+        if self.max_steps < 1:
+            raise InvalidInputError(f"max_steps: got {self.max_steps}, expected at least 1")
+        if self.backend not in ("native", "reference"):
+            raise InvalidInputError(
+                f"backend: got {self.backend!r}, expected 'native' or 'reference'"
+            )

@@ -1,0 +1,282 @@
+"""What a solve found: the forces, the verdict, and the means to check both.
+
+A :class:`Solution` trusts nobody: residuals and margins are computed, when asked for, from the
+problem's data and the forces alone, never from what the solver claims.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from graspforce import reference
+from graspforce._arrays import Array
+from graspforce.certificate import Certificate
+from graspforce.contact import ContactModel
+from graspforce.errors import InfeasibleGraspError, NotConvergedError
+from graspforce.outcome import Outcome, PlainOutcome, Status
+from graspforce.problem import ForceProblem, Layout
+
+# SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
+WRENCH_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What :meth:`Solution.verify` recomputed from the data, and whether it bears out the status.
+
+    Attributes:
+        ok: the numbers below confirm the status.
+        wrench_error: largest |W c − f| [N, N·m].
+        friction_margin: smallest of the friction margins [N].
+        limit_margin: smallest slack of the linear limits, in each limit's own unit.
+        decrement: Newton decrement of Phi / min(1, alpha) at c, from NumPy; inf outside.
+        certificate_holds: the certificate proves infeasibility; None when there is none.
+    """
+
+    ok: bool
+    wrench_error: float
+    friction_margin: float
+    limit_margin: float
+    decrement: float
+    certificate_holds: bool | None
+
+
+class Solution:
+    """The contact forces of one solve or one tick, with their verdict.
+
+    Everything but the forces and the status is computed on first use from the problem's data.
+    """
+
+    __slots__ = ("_layout", "_models", "_outcome", "_problem")
+
+    def __init__(
+        self,
+        outcome: Outcome,
+        problem: ForceProblem | None = None,
+        layout: Layout | None = None,
+        models: tuple[ContactModel, ...] = (),
+    ) -> None:
+        self._outcome = outcome
+        self._problem = problem
+        self._layout = layout
+        self._models = models
+
+    @property
+    def problem(self) -> ForceProblem:
+        """The problem that was solved; for a tick of a Servo, made from the tick's snapshot."""
+        if self._problem is None:
+            packed: Array = self._outcome.packed  # pyright: ignore
+            assert self._layout is not None
+            self._problem = ForceProblem.from_packed(self._layout, self._models, packed)
+        return self._problem
+
+    # ---- the answer -----------------------------------------------------------------------
+
+    @property
+    def c(self) -> Array:
+        """Contact forces in the contact frames, shape (m,) [N, N·m].
+
+        Strictly inside every limit when SOLVED; the force of least violation when INFEASIBLE.
+        """
+        return self._outcome.c
+
+    @property
+    def status(self) -> Status:
+        """The verdict."""
+        return Status(self._outcome.status)
+
+    @property
+    def nu(self) -> Array:
+        """Multipliers of W c = f at the optimum, shape (k,): ∇Phi(c) = W.T nu = dPhi*/df."""
+        return self._outcome.nu
+
+    @property
+    def newton_steps(self) -> int:
+        """Newton systems solved, those of Phase 1 included."""
+        return self._outcome.newton_steps
+
+    @property
+    def suboptimality(self) -> float:
+        """Certified upper bound on Phi(c) − Phi*; inf when nothing is certified.
+
+        With the decrement bounded by λ₁ < 1, a standard self-concordant function is within
+        −λ₁ − ln(1 − λ₁) of its minimum.
+        """
+        bound = self._outcome.decrement
+        if not bound < 1:
+            return math.inf
+        return min(1.0, self.problem.alpha) * (-bound - math.log1p(-bound))
+
+    @property
+    def violation(self) -> float:
+        """The least relative violation of the limits when INFEASIBLE, else 0.
+
+        A torque limit is violated relative to half its range, a cone or a ceiling relative to
+        the contact's reach: the normal force that alone would use up its tightest limit.
+        """
+        return self._outcome.violation
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """The proof of infeasibility; None unless INFEASIBLE."""
+        y, z = self._outcome.y, self._outcome.z
+        if y is None or z is None:
+            return None
+        return Certificate(y, z[self.problem.counted_limits()])
+
+    @property
+    def message(self) -> str:
+        """The verdict in words."""
+        match self.status:
+            case Status.SOLVED:
+                return (
+                    f"solved in {self.newton_steps} Newton steps; "
+                    f"Phi is within {self.suboptimality:.1e} of its minimum"
+                )
+            case Status.INFEASIBLE:
+                return (
+                    "no contact force gives this wrench within the friction cones and limits; "
+                    f"the least relative violation is {self.violation:.3g}"
+                )
+            case Status.WRENCH_UNREACHABLE:
+                return (
+                    "the wrench is outside the range of W: these contacts cannot make it, "
+                    f"whatever their forces (nearest is {self.wrench_error:.3g} off)"
+                )
+            case Status.UNBOUNDED:
+                return (
+                    "nothing limits the grip: give torque limits with J, or c_max, "
+                    "or inequalities A c <= b that bound every contact"
+                )
+            case Status.MAX_STEPS:
+                return f"stopped after {self.newton_steps} Newton steps without a verdict"
+            case Status.STALLED:
+                return "rounding stopped the progress before a verdict could be certified"
+            case Status.INVALID_NUMBERS:
+                return "the problem's numbers overflow in double precision; rescale them"
+
+    def raise_if_failed(self) -> None:
+        """Raise unless SOLVED.
+
+        Raises:
+            InfeasibleGraspError: INFEASIBLE or WRENCH_UNREACHABLE.
+            NotConvergedError: any other failure.
+        """
+        if self.status in (Status.INFEASIBLE, Status.WRENCH_UNREACHABLE):
+            raise InfeasibleGraspError(self)
+        if self.status is not Status.SOLVED:
+            raise NotConvergedError(self)
+
+    # ---- residuals and margins, from the data alone ----------------------------------------
+
+    @property
+    def phi(self) -> float:
+        """The objective Phi(c) of Eq. (16); inf outside the limits."""
+        return reference.objective(self.c, self.problem)
+
+    @property
+    def tau(self) -> Array:
+        """Joint torques J.T c + tau_bias, shape (n_joints,) [N·m]; empty without J."""
+        return self.problem.J.T @ self.c + self.problem.tau_bias
+
+    @property
+    def normal_forces(self) -> Array:
+        """Normal force of every contact, shape (n,) [N]."""
+        return self.c[self.problem.starts[:-1]]
+
+    @property
+    def friction_margins(self) -> Array:
+        """mu n − ‖tangential force‖ of every contact, shape (n,) [N]; negative when it slips.
+
+        FPC: the normal force. SFC: the torsion counts as (mu/gamma)·torsion. A contact that is
+        out of the grasp has none to lose: inf.
+        """
+        margins = reference.friction_margins(self.c, self.problem.models)
+        return np.where(self.problem.active, margins, np.inf)
+
+    @property
+    def friction_residual(self) -> float:
+        """r_f of Eq. (22) over the contacts in the grasp [N²]; inf when there is none."""
+        problem = self.problem
+        parts = [
+            (self.c[problem.starts[i] : problem.starts[i + 1]], model)
+            for i, model in enumerate(problem.models)
+            if problem.active[i]
+        ]
+        if not parts:
+            return math.inf
+        return reference.friction_residual(
+            np.concatenate([c for c, _ in parts]), [model for _, model in parts]
+        )
+
+    @property
+    def torque_margins(self) -> Array:
+        """Distance of every joint torque to its nearer limit, shape (n_joints,) [N·m]."""
+        tau = self.tau
+        return np.minimum(self.problem.tau_hi - tau, tau - self.problem.tau_lo)
+
+    @property
+    def torque_residual(self) -> float:
+        """r_tau of Section IV-A: the smallest torque margin [N·m]; inf without joints."""
+        return float(self.torque_margins.min(initial=math.inf))
+
+    @property
+    def wrench_error(self) -> float:
+        """Largest |W c − f| [N, N·m]."""
+        return float(np.abs(self.problem.W @ self.c - self.problem.f).max())
+
+    def verify(self) -> Verification:
+        """Recompute every residual from the problem's data and judge the status by them."""
+        problem, c = self.problem, self.c
+        A, b = problem.linear_limits()
+        wrench_error = self.wrench_error
+        friction = float(self.friction_margins.min())
+        limits = float((b - A @ c).min(initial=math.inf))
+        inside = friction > 0 and limits > 0
+        decrement = reference.decrement(c, problem) if inside else math.inf
+        certificate = self.certificate
+        holds = None if certificate is None else certificate.proves_infeasible(problem)
+        scale = max(np.abs(problem.f).max(), (np.abs(problem.W) @ np.abs(c)).max())
+        balanced = wrench_error <= WRENCH_TOLERANCE * scale
+        match self.status:
+            case Status.SOLVED:
+                # Rounding in NumPy's dense algebra leaves a decrement of this order behind.
+                ok = inside and balanced and decrement <= self._outcome.decrement + 1e-5
+            case Status.INFEASIBLE:
+                ok = bool(holds)
+            case Status.WRENCH_UNREACHABLE:
+                ok = not balanced
+            case _:
+                ok = True
+        return Verification(ok, wrench_error, friction, limits, decrement, holds)
+
+    def __repr__(self) -> str:
+        return (
+            f"Solution({self.status.name}, normal_forces="
+            f"{np.array2string(self.normal_forces, precision=4)} N, "
+            f"friction_residual={self.friction_residual:.4g} N², "
+            f"torque_residual={self.torque_residual:.4g} N·m, newton_steps={self.newton_steps})"
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Solution):
+            return NotImplemented
+        return (
+            self.status == other.status
+            and self.problem == other.problem
+            and np.array_equal(self.c, other.c)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.status, self.c.tobytes()))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        raw = self._outcome
+        plain = PlainOutcome(
+            raw.status, raw.newton_steps, raw.c, raw.nu, raw.decrement, raw.violation, raw.y, raw.z
+        )
+        return (Solution, (plain, self.problem))
