@@ -2,23 +2,41 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Protocol
 
 import numpy as np
 
-from graspforce import reference
+from graspforce import _core, reference
 from graspforce._arrays import Array
-from graspforce.outcome import Outcome
-from graspforce.problem import ForceProblem
+from graspforce.outcome import Outcome, TickOutcome
+from graspforce.problem import ForceProblem, Layout
 from graspforce.settings import Settings
+
+# Layouts for which a thread keeps its solver.
+SOLVERS_KEPT = 16
 
 
 class ServoBackend(Protocol):
     """What :class:`graspforce.Servo` stands on."""
 
-    def step(self, *fields: object) -> Outcome | None:
+    def step(
+        self,
+        f: object,
+        W: object,
+        J: object,
+        tau_lo: object,
+        tau_hi: object,
+        tau_bias: object,
+        c_max: object,
+        c_min: object,
+        engagement: object,
+        A: object,
+        b: object,
+        alpha: object,
+    ) -> TickOutcome | None:
         """Take changed fields and solve; None, with nothing changed, when they need checking."""
-        ...
+        ...  # fmt: skip
 
     def step_problem(self, packed: Array) -> Outcome:
         """Solve a validated problem."""
@@ -42,7 +60,7 @@ class ReferenceServo:
         self._settings = settings
         self._past: list[Array] = []
 
-    def step(self, *fields: object) -> Outcome | None:
+    def step(self, *_fields: object, **_names: object) -> TickOutcome | None:
         return None
 
     def step_problem(self, packed: Array) -> Outcome:
@@ -65,11 +83,30 @@ class ReferenceServo:
         return np.array(self._problem.packed)
 
 
+_cache = threading.local()
+
+
+def _native_solver(layout: Layout) -> _core.Solver:
+    """Return this thread's solver for a layout; set-up allocates, so the last ones are kept."""
+    solvers: dict[Layout, _core.Solver] = _cache.__dict__.setdefault("solvers", {})
+    solver = solvers.get(layout)
+    if solver is None:
+        if len(solvers) >= SOLVERS_KEPT:
+            solvers.pop(next(iter(solvers)))
+        solver = solvers[layout] = _core.Solver(*layout)
+    return solver
+
+
 def solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Outcome:
     """Solve from a cold start, or from ``start``, with the backend that the settings name."""
-    return reference.solve(problem, settings, start)
+    if settings.backend == "reference":
+        return reference.solve(problem, settings, start)
+    solver = _native_solver(problem.layout)
+    return solver.solve(problem.packed, settings.tol, settings.max_steps, start)
 
 
 def make_servo(problem: ForceProblem, settings: Settings) -> ServoBackend:
     """Return the servo of the backend that the settings name."""
-    return ReferenceServo(problem, settings)
+    if settings.backend == "reference":
+        return ReferenceServo(problem, settings)
+    return _core.Servo(*problem.layout, problem.packed, settings.tol, settings.max_steps)

@@ -63,7 +63,7 @@ class Grasp:
             f: wrench that the fingers exert on the object, shape (6,) [N, N·m].
             **options: any further argument of :class:`ForceProblem`: alpha, c_max, tau_bias, …
         """
-        hand = {"J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi}
+        hand: dict[str, Any] = {"J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi}
         return ForceProblem(W=self.W, f=f, models=self.models, **(hand | options))
 
     def __repr__(self) -> str:

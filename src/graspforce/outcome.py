@@ -65,6 +65,15 @@ class Outcome(Protocol):
         ...
 
 
+class TickOutcome(Outcome, Protocol):
+    """An outcome that carries a snapshot of its problem."""
+
+    @property
+    def packed(self) -> Array:
+        """The problem's flat buffer as it was when solved."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class PlainOutcome:
     """An :class:`Outcome` of plain Python data: the reference's, and what pickles."""

@@ -9,10 +9,10 @@ buffer, whose order :class:`Layout` fixes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from graspforce._arrays import Array, as_array, as_positive, require
 from graspforce.contact import PCWF, SFC, ContactModel, as_models, contact_starts
@@ -246,9 +246,9 @@ class ForceProblem:
         return contact_starts(self.models)
 
     @property
-    def active(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def active(self) -> NDArray[np.bool_]:
         """Which contacts are part of the grasp, shape (n,): engagement above 1e-6."""
-        return cast(Any, self.engagement > REMOVAL_THRESHOLD)
+        return self.engagement > REMOVAL_THRESHOLD
 
     def linear_limits(self) -> tuple[Array, Array]:
         """Return every linear limit that counts as ``A c ≤ b`` (Eq. 5, 15 and 20).
@@ -262,11 +262,11 @@ class ForceProblem:
         rows = self.counted_limits()
         return A[rows] * np.repeat(self.active, self.layout.dims), b[rows]
 
-    def counted_limits(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def counted_limits(self) -> NDArray[np.bool_]:
         """Which of all the rows :meth:`linear_limits` keeps: not those of removed contacts."""
         touches = self._all_limits()[0] != 0
         there = touches[:, np.repeat(self.active, self.layout.dims)].any(axis=1)
-        return cast(Any, there | ~touches.any(axis=1))
+        return there | ~touches.any(axis=1)
 
     def _all_limits(self) -> tuple[Array, Array]:
         normals = np.zeros((self.n, self.m))

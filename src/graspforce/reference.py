@@ -193,6 +193,11 @@ def friction_residual(c: Array, models: Sequence[ContactModel]) -> float:
     return float(min(g(y, model) for y, model in zip(split(c, models), models, strict=True)))
 
 
+def least_squares(A: Array, b: Array) -> Array:
+    """Return the least-norm minimiser of ‖A x − b‖."""
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], dtype=np.float64)
+
+
 # ---- what the equations are made into ---------------------------------------------------------
 
 
@@ -205,7 +210,7 @@ def derivatives(c: Array, problem: ForceProblem) -> tuple[Array, Array]:
 
 
 def friction_margins(c: Array, models: Sequence[ContactModel]) -> Array:
-    """mu n − ‖tangential force‖ of each contact, shape (n,) [N]."""
+    """Margins mu n − ‖tangential force‖ of the contacts, shape (n,) [N]."""
     margins: list[float] = []
     for y, model in zip(split(c, models), models, strict=True):
         R = R_mu(model)
@@ -365,7 +370,7 @@ def minimise(view: _View, N: Array, c: Array, settings: Settings, steps: int) ->
             status = Status.SOLVED
             break
     alpha = view.problem.alpha
-    nu = np.linalg.lstsq(view.W.T, gradient, rcond=None)[0] * min(1.0, alpha)
+    nu = least_squares(view.W.T, gradient) * min(1.0, alpha)
     return PlainOutcome(status, steps, view.spread(c), nu, bound)
 
 
@@ -383,7 +388,7 @@ def phase_1(view: _View, N: Array, c: Array, settings: Settings) -> PlainOutcome
     x = np.append(c, 1.2 * relaxed.least_sigma(c) + 0.1)
     basis = np.zeros((len(x), N.shape[1] + 1))
     basis[:-1, :-1], basis[-1, -1] = N, 1.0
-    kappa, proof = 10.0, None
+    kappa, proof, step = 10.0, None, 0
     terms = len(view.b) + 2 * len(view.models)
     for step in range(1, 10 * settings.max_steps + 1):
         gradient, hessian = relaxed.derivatives(x)
@@ -436,8 +441,9 @@ class _Relaxed:
     def least_sigma(self, c: Array) -> float:
         """The smallest slack that admits c."""
         margins = friction_margins(c, self.view.models)
-        return float(max((-margins / self.cone_scale).max(),
-                         ((self.view.A @ c - self.b) / -self.A[:, -1]).max(initial=-np.inf)))  # fmt: skip
+        cones = -margins / self.cone_scale
+        limits = (self.view.A @ c - self.b) / -self.A[:, -1]
+        return float(max(cones.max(), limits.max(initial=-np.inf)))
 
     def inside(self, x: Array) -> bool:
         cones = (self._lift(i) @ x for i in range(len(self.view.models)))
@@ -466,7 +472,7 @@ class _Relaxed:
                 grad_phi_soc_contact(y, model) + hess_phi_soc_contact(y, model) @ (lift @ d)
             )
         target = self.view.A.T @ z + cone[:-1]
-        y = np.linalg.lstsq(self.view.W.T, target, rcond=None)[0]
+        y = least_squares(self.view.W.T, target)
         total = float(z @ -self.A[:, -1]) + abs(float(cone[-1]))
         y, z = y / total, z / total
         return (y, z) if float(y @ self.view.problem.f - z @ self.b) > 0 else None

@@ -69,7 +69,7 @@ class Servo:
                 f, W, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, A, b, alpha
             )
             if outcome is not None:
-                return Solution(outcome, None, self._layout, self._models)
+                return Solution(outcome, (self._layout, self._models))
         given: dict[str, Any] = {
             "f": f, "W": W, "J": J, "tau_lo": tau_lo, "tau_hi": tau_hi, "tau_bias": tau_bias,
             "c_max": c_max, "c_min": c_min, "engagement": engagement, "A": A, "b": b,

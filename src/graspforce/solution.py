@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 
@@ -17,8 +17,11 @@ from graspforce._arrays import Array
 from graspforce.certificate import Certificate
 from graspforce.contact import ContactModel
 from graspforce.errors import InfeasibleGraspError, NotConvergedError
-from graspforce.outcome import Outcome, PlainOutcome, Status
+from graspforce.outcome import Outcome, PlainOutcome, Status, TickOutcome
 from graspforce.problem import ForceProblem, Layout
+
+# What a tick's snapshot needs to be read as a problem again.
+Shape: TypeAlias = tuple[Layout, tuple[ContactModel, ...]]
 
 # SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
 WRENCH_TOLERANCE = 1e-9
@@ -51,28 +54,21 @@ class Solution:
     Everything but the forces and the status is computed on first use from the problem's data.
     """
 
-    __slots__ = ("_layout", "_models", "_outcome", "_problem")
+    __slots__ = ("_outcome", "_problem")
 
-    def __init__(
-        self,
-        outcome: Outcome,
-        problem: ForceProblem | None = None,
-        layout: Layout | None = None,
-        models: tuple[ContactModel, ...] = (),
-    ) -> None:
+    def __init__(self, outcome: Outcome, problem: ForceProblem | Shape) -> None:
         self._outcome = outcome
         self._problem = problem
-        self._layout = layout
-        self._models = models
 
     @property
     def problem(self) -> ForceProblem:
         """The problem that was solved; for a tick of a Servo, made from the tick's snapshot."""
-        if self._problem is None:
-            packed: Array = self._outcome.packed  # pyright: ignore
-            assert self._layout is not None
-            self._problem = ForceProblem.from_packed(self._layout, self._models, packed)
-        return self._problem
+        if isinstance(self._problem, ForceProblem):
+            return self._problem
+        layout, models = self._problem
+        packed = cast(TickOutcome, self._outcome).packed
+        self._problem = problem = ForceProblem.from_packed(layout, models, packed)
+        return problem
 
     # ---- the answer -----------------------------------------------------------------------
 
@@ -190,7 +186,7 @@ class Solution:
 
     @property
     def friction_margins(self) -> Array:
-        """mu n − ‖tangential force‖ of every contact, shape (n,) [N]; negative when it slips.
+        """Margins mu n − ‖tangential force‖, shape (n,) [N]; negative where a contact slips.
 
         FPC: the normal force. SFC: the torsion counts as (mu/gamma)·torsion. A contact that is
         out of the grasp has none to lose: inf.

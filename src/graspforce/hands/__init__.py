@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from graspforce.hands.hand import Hand
+from graspforce.hands.paper import PaperHand
 
-
-__all__ = ["Hand"]
+__all__ = ["Hand", "PaperHand"]

@@ -1,0 +1,34 @@
+# Two targets do everything on a fresh machine: `make reproduce` and `make test`.
+PYTHON ?= python3
+VENV := .venv
+PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
+NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
+
+.PHONY: reproduce test lint bench clean
+
+reproduce: $(VENV)/figures.installed  ## Section IV of the paper into results/
+	$(VENV)/bin/graspforce reproduce --out results
+
+test: $(VENV)/test.installed  ## all tests
+	$(VENV)/bin/python -m pytest
+
+lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order, stubs
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/basedpyright
+	$(VENV)/bin/lint-imports
+	$(VENV)/bin/clang-format --dry-run --Werror $(shell find cpp -name '*.hpp' -o -name '*.cpp')
+	$(VENV)/bin/python -m nanobind.stubgen -q -m graspforce._core -O build
+	diff src/graspforce/_core.pyi build/_core.pyi
+
+bench: $(VENV)/test.installed  ## time this machine
+	$(VENV)/bin/python benchmarks/tick.py
+
+# An editable install: Python changes need nothing, a change of the core builds it again.
+$(VENV)/%.installed: $(NATIVE)
+	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
+	$(PIP) -e '.[$*]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) build dist results

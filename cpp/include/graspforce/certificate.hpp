@@ -1,0 +1,67 @@
+// Check of a proof of infeasibility, from the problem's numbers alone; the same arithmetic as
+// graspforce.check_certificate, with the same allowance for rounding.
+#pragma once
+
+#include <cmath>
+
+#include "graspforce/cone.hpp"
+#include "graspforce/layout.hpp"
+
+namespace graspforce {
+
+// True when y (k) and z (all linear limits, order of ForceProblem.linear_limits) prove that no
+// admissible c has W c = f: e = Aᵀz − Wᵀy lies in the dual cones and y·f > z·b.
+inline bool proves_infeasible(const Layout& layout, const Problem& p, const double* y,
+                              const double* z) {
+  const int k = layout.wrench_rows, n = layout.contacts(), m = layout.components();
+  const int joints = layout.joints, rows = layout.inequalities;
+  const double *z_hi = z, *z_lo = z_hi + joints, *z_max = z_lo + joints,
+               *z_min = z_max + (layout.ceilings ? n : 0), *z_A = z_min + (layout.floors ? n : 0);
+  const int count = static_cast<int>(z_A - z) + rows;
+  const double unit = 1e-14 * (k + count);
+
+  double gap = 0, size = 0;
+  auto add = [&gap, &size](double value) {
+    gap += value;
+    size += std::abs(value);
+  };
+  for (int r = 0; r < k; ++r) add(y[r] * p.f[r]);
+  for (int j = 0; j < joints; ++j) {
+    add(-z_hi[j] * (p.tau_hi[j] - p.tau_bias[j]));
+    add(-z_lo[j] * (p.tau_bias[j] - p.tau_lo[j]));
+  }
+  for (int i = 0; i < n && layout.ceilings; ++i) add(-z_max[i] * p.engagement[i] * p.c_max[i]);
+  for (int i = 0; i < n && layout.floors; ++i) add(z_min[i] * p.engagement[i] * p.c_min[i]);
+  for (int r = 0; r < rows; ++r) add(-z_A[r] * p.b[r]);
+  for (int i = 0; i < count; ++i)
+    if (!(z[i] >= 0)) return false;
+  if (!(gap > unit * size)) return false;
+
+  for (int i = 0, start = 0; i < n; start += static_cast<int>(layout.models[i]), ++i) {
+    if (!p.in_grasp(i)) continue;
+    const int dim = static_cast<int>(layout.models[i]);
+    const Cone cone{dim, p.mu[i], p.mu[i] / p.gamma[i]};
+    double e[4] = {}, slop[4] = {};
+    for (int c = 0; c < dim; ++c) {
+      auto term = [&](double value) {
+        e[c] += value;
+        slop[c] += unit * std::abs(value);
+      };
+      for (int j = 0; j < joints; ++j) {
+        const double lever = p.J[(start + c) * joints + j];
+        term(lever * z_hi[j]);
+        term(-lever * z_lo[j]);
+      }
+      if (c == 0 && layout.ceilings) term(z_max[i]);
+      if (c == 0 && layout.floors) term(-z_min[i]);
+      for (int r = 0; r < rows; ++r) term(p.A[r * m + start + c] * z_A[r]);
+      for (int r = 0; r < k; ++r) term(-p.W[r * m + start + c] * y[r]);
+    }
+    double radius = 0;
+    for (int c = 1; c < dim; ++c) radius += std::pow(slop[c] / cone.weight(c), 2);
+    if (!(cone.dual_margin(e) >= slop[0] + cone.mu * std::sqrt(radius))) return false;
+  }
+  return true;
+}
+
+}  // namespace graspforce
