@@ -73,13 +73,13 @@ NumpyVector view(nb::handle owner, const double* data, std::size_t size) {
 }
 
 // Getter of one of an outcome's arrays, and of one that is there only with a certificate.
-auto field(const double* (Outcome::*data)() const, std::size_t Outcome::*size) {
+auto field(const double* (Outcome::*data)() const, std::size_t Outcome::* size) {
   return [data, size](nb::handle_t<Outcome> self) {
     const Outcome& outcome = nb::cast<const Outcome&>(self);
     return view(self, (outcome.*data)(), outcome.*size);
   };
 }
-auto proof(const double* (Outcome::*data)() const, std::size_t Outcome::*size) {
+auto proof(const double* (Outcome::*data)() const, std::size_t Outcome::* size) {
   return [data, size](nb::handle_t<Outcome> self) -> std::optional<NumpyVector> {
     const Outcome& outcome = nb::cast<const Outcome&>(self);
     if (outcome.limits == 0) return std::nullopt;

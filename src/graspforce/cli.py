@@ -9,24 +9,24 @@ A new command is one more function below, under ``@app.command()``.
 
 from __future__ import annotations
 
-import io
 import sys
 from collections import Counter
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from graspforce.errors import GraspForceError, InvalidInputError
+from graspforce.outcome import Status
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
     from graspforce.files import NamedProblem, NamedSolution
-    from graspforce.solution import Solution
-
-Item = TypeVar("Item")
+    from graspforce.scenarios import Log
 
 # Grasps without an answer whose message is printed below the table; all are in --out.
 MESSAGES = 5
@@ -42,10 +42,16 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; what ``graspforce`` and ``python -m graspforce`` call."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # A name that the terminal's encoding lacks must not cost the table.
-        sys.stdout.reconfigure(errors="replace")
+    reconfigure: Any = getattr(sys.stdout, "reconfigure", None)
+    if reconfigure is not None:
+        # A character that the terminal's encoding lacks must not cost the table.
+        reconfigure(errors="replace")
     app(prog_name="graspforce")
+
+
+def _examples(*lines: str) -> str:
+    """Return the end of a help text; the backspace keeps the lines from being joined."""
+    return "\b\nExamples:\n" + "\n".join(f"  {line}" for line in lines)
 
 
 def _version(wanted: bool) -> None:
@@ -56,23 +62,29 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(
+    epilog=_examples(
+        "graspforce solve examples/nose_cone.json",
+        "graspforce solve grasps.npz --alpha 1 --out forces.csv",
+        "graspforce scenario dynamic",
+    )
+)
 def _graspforce(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print and exit.")
     ] = False,
 ) -> None:
-    """Grasp forces for multi-fingered hands, by the Weighted Barrier Function method.
-
-    \b
-    Examples:
-      graspforce solve examples/nose_cone.json
-      graspforce solve grasps.npz --alpha 1 --out forces.csv
-      graspforce scenario dynamic
-    """
+    """Grasp forces for multi-fingered hands, by the Weighted Barrier Function method."""
 
 
-@app.command()
+@app.command(
+    epilog=_examples(
+        "graspforce solve examples/nose_cone.json",
+        "graspforce solve examples/several_grasps.json --out forces.json",
+        "graspforce solve grasps.npz --alpha 1 --out forces.npz",
+        "graspforce solve grasps.npz --c-max 20 --out forces.csv",
+    )
+)
 def solve(
     file: Annotated[
         Path,
@@ -91,18 +103,11 @@ def solve(
         typer.Option(help="Write everything to this .json, .npz or .csv; replaces a file."),
     ] = None,
 ) -> None:
-    """Solve every grasp in FILE: contact forces, or the verdict that there are none.
+    """Solve the grasps in FILE.
 
     The table shows, for each grasp that is solved, the largest normal force, the smallest
     distance to slipping, mu n − |tangential force|, the smallest distance of a joint torque to
     its limit, and the Newton steps. Infeasible grasps are listed as such, and are no error.
-
-    \b
-    Examples:
-      graspforce solve examples/nose_cone.json
-      graspforce solve examples/several_grasps.json --out forces.json
-      graspforce solve grasps.npz --alpha 1 --out forces.npz
-      graspforce solve grasps.npz --c-max 20 --out forces.csv
     """
     with _one_line_errors():
         from graspforce import _arrays, files
@@ -119,10 +124,11 @@ def solve(
         if out is not None:
             files.check_output(out)
         grasps = _changed(files.read(file), changes, file)
-        results = [
-            files.NamedSolution(name, solve_problem(problem, settings))
-            for name, problem in _progress(grasps, "solving")
-        ]
+        results: list[NamedSolution] = []
+        with _progress_bar(len(grasps), "solving") as advance:
+            for index, (name, problem) in enumerate(grasps):
+                results.append(files.NamedSolution(name, solve_problem(problem, settings)))
+                advance(index)
         try:
             if out is not None:
                 files.write(out, results)
@@ -135,13 +141,55 @@ def solve(
             typer.echo(f"Everything about them is in {out}")
 
 
+@app.command(
+    epilog=_examples(
+        "graspforce scenario dynamic",
+        "graspforce scenario static --alpha 100 --out light.csv",
+        "graspforce scenario regrasp --out results/regrasp.csv",
+    )
+)
+def scenario(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="static, dynamic or regrasp.")],
+    alpha: Annotated[
+        float | None,
+        typer.Option(help="Weight of the limits: small is firm, large is light.  [default: 5]"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="The CSV to write; replaces a file.  [default: NAME.csv in the current "
+            "directory, which must not exist]"
+        ),
+    ] = None,
+) -> None:
+    """Run a scenario of the paper and write every tick to a CSV.
+
+    Each holds the cube of Section IV with the paper's hand for 2 s at 250 Hz: at rest (static),
+    round a circle (dynamic), round the circle with one finger away for a while (regrasp).
+    """
+    with _one_line_errors():
+        from graspforce import files, scenarios
+
+        chosen = scenarios.get(name, **({} if alpha is None else {"alpha": alpha}))
+        path = out or Path(f"{name}.csv")
+        files.check_output(path, (".csv",))
+        if out is None and path.exists():
+            raise InvalidInputError(f"{path}: exists already; name it with --out to replace it")
+        with _progress_bar(len(chosen.times), name) as advance:
+            log = scenarios.run(chosen, progress=advance)
+        with files.replacing(path) as temporary:
+            log.write_csv(temporary)
+        _report_log(log)
+        typer.echo(f"Every tick is in {path}")
+
+
 @contextmanager
 def _one_line_errors() -> Generator[None]:
     """Turn what the caller can put right into one line on stderr and exit code 2."""
-    from graspforce.errors import GraspForceError
-
     try:
         yield
+    except BrokenPipeError:
+        raise  # the reader of our output has had enough; Typer ends quietly
     except (GraspForceError, OSError) as error:
         typer.echo(f"graspforce: {error}", err=True)
         raise typer.Exit(2) from error
@@ -154,6 +202,8 @@ def _changed(
     from graspforce.files import NamedProblem
     from graspforce.files.named import place
 
+    if not changes:
+        return grasps
     changed: list[NamedProblem] = []
     for index, (name, problem) in enumerate(grasps):
         with place(f"{file}: grasp {index} {name!r}"):
@@ -171,13 +221,16 @@ def _console() -> Console:
     return Console(highlight=False, width=None if sys.stdout.isatty() else 10_000)
 
 
-def _progress(items: Sequence[Item], what: str) -> Iterable[Item]:
-    """Go through the items with a progress bar on stderr, shown only on a terminal."""
+@contextmanager
+def _progress_bar(total: int, what: str) -> Generator[Callable[[int], None]]:
+    """Show a progress bar on stderr, if that is a terminal; call what it gives after each item."""
     from rich.console import Console
-    from rich.progress import track
+    from rich.progress import Progress
 
     console = Console(stderr=True)
-    return track(items, what, console=console, transient=True, disable=not console.is_terminal)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda index: progress.update(task, completed=index + 1)
 
 
 def _report(results: list[NamedSolution]) -> None:
@@ -186,14 +239,14 @@ def _report(results: list[NamedSolution]) -> None:
 
     console = _console()
     console.print(_table(results))
-    failed = [(name, solution) for name, solution in results if solution.status != 0]
+    failed = [
+        (name, solution) for name, solution in results if solution.status is not Status.SOLVED
+    ]
     for name, solution in failed[:MESSAGES]:
         console.print(Text(f"{_printable(name)}: {solution.message}"))
     if len(failed) > MESSAGES:
         console.print(f"… and {len(failed) - MESSAGES} more without an answer")
-    counts = Counter(_words(solution) for _, solution in results)
-    grasps = "1 grasp" if len(results) == 1 else f"{len(results)} grasps"
-    console.print(f"{grasps}: {', '.join(f'{n} {what}' for what, n in counts.most_common())}")
+    console.print(_counts("grasp", (solution.status for _, solution in results)))
 
 
 def _table(results: list[NamedSolution]) -> Table:
@@ -201,14 +254,14 @@ def _table(results: list[NamedSolution]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.add_column("#", justify="right")
     table.add_column("grasp", overflow="fold")
-    table.add_column("status", overflow="fold")
-    for heading in ("largest\nnormal [N]", "slip\nmargin [N]", "torque\nmargin [N·m]", "steps"):
+    table.add_column("status", no_wrap=True)
+    for heading in ("largest\nnormal\n[N]", "slip\nmargin\n[N]", "torque\nmargin\n[N·m]", "steps"):
         table.add_column(Text(heading), justify="right", overflow="fold")
     for index, (name, solution) in enumerate(results):
-        solved = solution.status == 0
+        solved = solution.status is Status.SOLVED
         numbers = ["–", "–", "–"]
         if solved:
             numbers = [
@@ -219,15 +272,51 @@ def _table(results: list[NamedSolution]) -> Table:
         table.add_row(
             str(index),
             Text(_printable(name)),
-            Text(_words(solution), style="green" if solved else "red"),
+            Text(_words(solution.status), style="green" if solved else "red"),
             *numbers,
             str(solution.newton_steps),
         )
     return table
 
 
-def _words(solution: Solution) -> str:
-    return solution.status.name.lower().replace("_", " ")
+def _report_log(log: Log) -> None:
+    """Print what a scenario's solved ticks have in common, and the counts."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("")
+    table.add_column("least", justify="right", overflow="fold")
+    table.add_column("most", justify="right", overflow="fold")
+    solved = log.status == Status.SOLVED
+    for what, values in (
+        ("normal force [N]", log.normal_forces),
+        ("largest joint torque [N·m]", log.max_torque),
+        ("friction residual r_f [N²]", log.friction_residual),
+        ("torque residual r_tau [N·m]", log.torque_residual),
+        ("Newton steps", log.newton_steps),
+    ):
+        kept = values[solved]
+        ends = [f"{kept.min():.4g}", f"{kept.max():.4g}"] if kept.size else ["–", "–"]
+        table.add_row(what, *ends)
+    console = _console()
+    console.print(f"{log.scenario.name}: {log.scenario.summary}")
+    console.print(table)
+    one = int((log.newton_steps[solved] == 1).sum())
+    ticks = _counts("tick", (Status(each) for each in log.status))
+    console.print(f"{ticks}; {one} in one Newton step")
+
+
+def _counts(what: str, statuses: Iterable[Status]) -> str:
+    """Return how many there are and how many of each status, as in ``3 grasps: 3 solved``."""
+    counts = Counter(_words(status) for status in statuses)
+    total = counts.total()
+    each = ", ".join(f"{count} {words}" for words, count in counts.most_common())
+    return f"{total} {what}{'' if total == 1 else 's'}: {each}"
+
+
+def _words(status: Status) -> str:
+    return status.name.lower().replace("_", " ")
 
 
 def _printable(name: str) -> str:

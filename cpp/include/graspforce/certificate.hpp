@@ -17,7 +17,7 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
   const int joints = layout.joints, rows = layout.inequalities;
   const double *z_hi = z, *z_lo = z_hi + joints, *z_max = z_lo + joints,
                *z_min = z_max + (layout.ceilings ? n : 0), *z_A = z_min + (layout.floors ? n : 0);
-  const int count = static_cast<int>(z_A - z) + rows;
+  const int count = limit_count(layout);
   const double unit = 1e-14 * (k + count);
 
   double gap = 0, size = 0;

@@ -1,12 +1,13 @@
-// The friction cone as one unit: slack, gradient, Hessian, step to the boundary, dual margin.
+// The friction cone as one unit: slack, gradient, Hessian, step to the boundary, dual cone.
 //
 // A contact's components are y = [n, t_1, …]; its cone is mu n > ‖w t‖ with w = 1 for the
-// tangential forces and mu/gamma for the torsion of a soft finger. FPC has no t. The barrier is
-// −ln g, g = (mu n)² − ‖w t‖², Eq. (9). Phase 1 moves the apex: mu n + shift takes the place of
-// mu n. Everything near the boundary goes through the factored form g = (h − ‖w t‖)(h + ‖w t‖),
-// which keeps its digits where h² − ‖w t‖² has lost them.
+// tangential forces and mu/gamma for the torsion of a soft finger. FPC has no t. In Lorentz
+// coordinates s = (mu n, w t) it is s_0 > ‖ŝ‖, with the barrier −ln det s, det s = s_0² − ‖ŝ‖²
+// (Eq. 9). Near the boundary the determinant is taken as (s_0 − ‖ŝ‖)(s_0 + ‖ŝ‖), which keeps the
+// digits that the difference of squares has lost.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -14,64 +15,98 @@ namespace graspforce {
 
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
+namespace lorentz {
+
+inline double radius(const double* s, int n) {
+  double sum = 0;
+  for (int i = 1; i < n; ++i) sum += s[i] * s[i];
+  return std::sqrt(sum);
+}
+
+inline double determinant(const double* s, int n) {
+  const double r = radius(s, n);
+  return (s[0] - r) * (s[0] + r);
+}
+
+// Largest t for which s + t d stays in the cone; infinite when the ray never leaves it.
+inline double step_limit(const double* s, const double* d, int n) {
+  double a = d[0] * d[0], b = s[0] * d[0];
+  for (int i = 1; i < n; ++i) {
+    a -= d[i] * d[i];
+    b -= s[i] * d[i];
+  }
+  // det(s + t d) = a t² + 2 b t + c with c > 0. Leaving the cone, or passing through its apex,
+  // means that this vanishes: the limit is its smallest positive root.
+  const double c = determinant(s, n), discriminant = b * b - a * c;
+  if (discriminant < 0) return kInfinity;
+  const double root = std::sqrt(discriminant);
+  if (b < 0) return c / (root - b);            // right for a = 0 as well: c / (−2 b)
+  return a < 0 ? (b + root) / -a : kInfinity;  // b ≥ 0: only a downward parabola comes back
+}
+
+// The Nesterov-Todd Hessian: the symmetric n × n matrix P with P s = z for s, z inside the cone.
+inline void scaling(const double* s, const double* z, int n, double* P) {
+  const double ds = std::sqrt(determinant(s, n)), dz = std::sqrt(determinant(z, n));
+  double inner = 0;
+  for (int i = 0; i < n; ++i) inner += s[i] / ds * (z[i] / dz);
+  const double norm = 1 / std::sqrt(2 * (1 + inner));
+  // P = (dz/ds)(2 v vᵀ − diag(1, −1, …)) with v = (z/dz + (s_0, −ŝ)/ds)·norm.
+  double v[4];
+  for (int i = 0; i < n; ++i) v[i] = norm * (z[i] / dz + (i == 0 ? s[i] : -s[i]) / ds);
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < n; ++j)
+      P[i * n + j] = dz / ds * (2 * v[i] * v[j] - (i != j ? 0 : i == 0 ? 1 : -1));
+}
+
+}  // namespace lorentz
+
 struct Cone {
   int dim;  // 1, 3 or 4
   double mu;
   double torsion;  // weight of the fourth component, mu/gamma
 
-  double weight(int component) const { return component == 3 ? torsion : 1.0; }
-
-  double tangential(const double* y) const {
-    double sum = 0;
-    for (int j = 1; j < dim; ++j) sum += weight(j) * weight(j) * y[j] * y[j];
-    return std::sqrt(sum);
+  // Lorentz coordinates per component.
+  double weight(int component) const {
+    return component == 0 ? mu : component == 3 ? torsion : 1.0;
+  }
+  void lift(const double* y, double* s) const {
+    for (int i = 0; i < dim; ++i) s[i] = weight(i) * y[i];
   }
 
-  // mu n + shift − ‖w t‖: positive inside.
-  double margin(const double* y, double shift = 0) const {
-    return mu * y[0] + shift - tangential(y);
+  // mu n − ‖w t‖: positive inside.
+  double margin(const double* y) const {
+    double s[4];
+    lift(y, s);
+    return s[0] - lorentz::radius(s, dim);
   }
 
-  // Adds the barrier's gradient (Eq. 11) and the lower triangle of its Hessian (Eq. 13), times
-  // `scale`; the Hessian's rows are `stride` apart. Returns false outside the cone.
-  bool add_derivatives(const double* y, double shift, double scale, double* gradient,
-                       double* hessian, int stride) const {
-    const double height = mu * y[0] + shift, radius = tangential(y);
-    const double g = (height - radius) * (height + radius);
-    if (!(height > radius)) return false;
-    const double twice = 2 / g;
-    double first[4];
-    first[0] = -twice * mu * height;
-    for (int j = 1; j < dim; ++j) first[j] = twice * weight(j) * weight(j) * y[j];
-    for (int i = 0; i < dim; ++i) {
-      gradient[i] += scale * first[i];
+  // Adds the barrier's gradient (Eq. 11) and, unless null, the lower triangle of its Hessian
+  // (Eq. 13), times `scale`; the Hessian's rows are `stride` apart. False outside the cone.
+  bool add_derivatives(const double* y, double scale, double* gradient, double* hessian,
+                       int stride) const {
+    double s[4], first[4];
+    lift(y, s);
+    const double r = lorentz::radius(s, dim), det = (s[0] - r) * (s[0] + r);
+    if (!(s[0] > r)) return false;
+    const double twice = 2 / det;
+    first[0] = -twice * mu * s[0];
+    for (int j = 1; j < dim; ++j) first[j] = twice * weight(j) * s[j];
+    for (int i = 0; i < dim; ++i) gradient[i] += scale * first[i];
+    if (hessian == nullptr) return true;
+    for (int i = 0; i < dim; ++i)
       for (int j = 0; j < i; ++j) hessian[i * stride + j] += scale * first[i] * first[j];
-    }
-    // The corner first[0]² − 2 mu²/g of Eq. (13), without its difference of nearly equal terms.
-    hessian[0] += scale * twice * mu * mu * (height * height + radius * radius) / g;
+    // The corner first[0]² − 2 mu²/det of Eq. (13), without its difference of nearly equal terms.
+    hessian[0] += scale * twice * mu * mu * ((s[0] * s[0] + r * r) / det);
     for (int j = 1; j < dim; ++j)
-      hessian[j * stride + j] += scale * (first[j] * first[j] + twice * weight(j) * weight(j));
+      hessian[j * (stride + 1)] += scale * (first[j] * first[j] + twice * weight(j) * weight(j));
     return true;
   }
 
-  // Largest t for which y + t d (with shifts) stays inside; infinite when the ray never leaves.
-  double step_limit(const double* y, const double* d, double shift = 0, double dshift = 0) const {
-    const double height = mu * y[0] + shift, rise = mu * d[0] + dshift;
-    const double radius = tangential(y);
-    double a = rise * rise, b = height * rise;
-    for (int j = 1; j < dim; ++j) {
-      const double w2 = weight(j) * weight(j);
-      a -= w2 * d[j] * d[j];
-      b -= w2 * y[j] * d[j];
-    }
-    const double c = (height - radius) * (height + radius);
-    // g(t) = a t² + 2 b t + c with c > 0; its smallest positive root leaves the double cone. On
-    // the way the apex may be passed only through g = 0, so that root is the limit.
-    const double discriminant = b * b - a * c;
-    if (discriminant < 0) return kInfinity;
-    const double root = std::sqrt(discriminant);
-    if (b < 0) return c / (root - b);            // also right for a = 0: c / (−2 b)
-    return a < 0 ? (b + root) / -a : kInfinity;  // b ≥ 0: only a downward parabola comes back
+  double step_limit(const double* y, const double* d) const {
+    double s[4], ds[4];
+    lift(y, s);
+    lift(d, ds);
+    return lorentz::step_limit(s, ds, dim);
   }
 
   // Margin of e in the dual cone {e : e·y ≥ 0 for all y in the cone}: e_n − mu ‖e_t / w‖.

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "graspforce/newton.hpp"
+#include "graspforce/primal_dual.hpp"
 #include "graspforce/rank.hpp"
 
 namespace graspforce {
@@ -34,21 +35,19 @@ class Engine {
  public:
   explicit Engine(const Layout& layout)
       : layout_(layout),
-        system_(layout_),
+        blocks_(layout_),
+        barrier_(blocks_),
+        primal_dual_(blocks_),
         c_(layout.components()),
         nu_(layout.wrench_rows),
         y_(layout.wrench_rows),
-        y_try_(layout.wrench_rows),
-        guess_(layout.components()) {
-    const std::size_t limits = 2 * layout.joints + layout.inequalities +
-                               layout.contacts() * (int(layout.ceilings) + int(layout.floors));
-    z_.resize(limits);
-    z_try_.resize(limits);
+        z_(limit_count(layout)),
+        guess_(layout.components()),
+        ceiling_(layout.contacts()) {
     for (Past& past : past_) {
       past.c.resize(layout.components());
       past.ceiling.resize(layout.contacts());
     }
-    ceiling_.resize(layout.contacts());
   }
   Engine(const Engine&) = delete;
   Engine& operator=(const Engine&) = delete;
@@ -65,13 +64,12 @@ class Engine {
     const Problem problem(layout_, packed);
     Result result;
     if (!prepare(problem, result)) return result;
-    bool warm = start != nullptr;
-    if (warm) {
-      system_.set_forces(start);
-      warm = system_.inside();
+    double lambda = kInfinity;
+    if (start != nullptr) {
+      barrier_.set_forces(start);
+      lambda = first_step(problem);
     }
-    if (!warm) start_cold(problem);
-    return run(problem, tol, max_steps, warm);
+    return run(problem, lambda, tol, max_steps);
   }
 
   // Solves the next problem of a stream, from the optima before it.
@@ -81,9 +79,7 @@ class Engine {
     if (prepare(problem, result)) {
       for (int i = 0; i < layout_.contacts(); ++i)
         ceiling_[i] = layout_.ceilings ? problem.engagement[i] * problem.c_max[i] : 1;
-      const bool warm = predict(problem);
-      if (!warm) start_cold(problem);
-      result = run(problem, tol, max_steps, warm);
+      result = run(problem, predict(problem), tol, max_steps);
     }
     if (result.status == Status::Solved)
       remember(problem);
@@ -95,10 +91,12 @@ class Engine {
   void reset() { known_ = 0; }
 
  private:
-  // Newton steps without Phase 1 after which a start counts as leading nowhere.
-  static constexpr int kPatience = 30;
   // Forces this many times their reach, with no minimum found, mean that nothing holds them.
   static constexpr double kRunaway = 1e9;
+  // Pivot of the k × k system below which W may have dependent rows.
+  static constexpr double kSuspectPivot = 1e-10;
+  // Decrement at an extrapolated start above which the last optimum is looked at as well.
+  static constexpr double kPromising = 0.5;
 
   struct Past {
     std::vector<double> c, ceiling;
@@ -106,131 +104,136 @@ class Engine {
 
   // Loads the problem; false with the result's status set when there is nothing to iterate on.
   bool prepare(const Problem& problem, Result& result) {
-    rank_known_ = false;
-    if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0) {
-      result.status = Status::Unbounded;
-      return give_up();
-    }
-    system_.load(problem);
-    return !was_deficient_ || restrict_to_range(problem, result);
-  }
-
-  // Reduces W c = f to independent rows; false when f is out of their range.
-  bool restrict_to_range(const Problem& problem, Result& result) {
-    const Rank rank = examine_rank(layout_, problem);
-    rank_known_ = true;
-    was_deficient_ = static_cast<int>(rank.rows.size()) < layout_.wrench_rows;
-    if (was_deficient_) system_.restrict_rows(problem, rank.rows);
-    if (rank.reachable) return true;
-    result.status = Status::WrenchUnreachable;
-    return give_up();
-  }
-
-  bool give_up() {
     std::fill(c_.begin(), c_.end(), 0.0);
     std::fill(nu_.begin(), nu_.end(), 0.0);
-    return false;
+    if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0) {
+      result.status = Status::Unbounded;
+      return false;
+    }
+    if (blocks_.load(problem)) barrier_.allot();
+    barrier_.set_weights(*problem.alpha);
+    rank_known_ = unreachable_ = false;
+    if (was_deficient_) examine(problem);
+    return true;
   }
 
-  // Pure pushes; the more the limits weigh, the smaller the forces that balance them.
-  void start_cold(const Problem& problem) {
-    system_.set_pushes(1 / std::sqrt(4 + 3 * *problem.alpha));
+  // Reduces W c = f to independent rows where it has others.
+  void examine(const Problem& problem) {
+    const Rank rank = examine_rank(layout_, problem);
+    rank_known_ = true;
+    unreachable_ = !rank.reachable;
+    was_deficient_ = static_cast<int>(rank.rows.size()) < layout_.wrench_rows;
+    if (was_deficient_) blocks_.restrict_rows(problem, rank.rows);
   }
 
-  // Newton from the system's point where that is inside the limits and leads somewhere, else from
-  // where Phase 1 ends.
-  Result run(const Problem& problem, double tol, int max_steps, bool warm) {
+  // Decrement of the Newton step from the barrier's point; infinite outside the limits.
+  double first_step(const Problem& problem) {
+    if (!barrier_.evaluate()) return kInfinity;
+    const double lambda = barrier_.newton();
+    if (rank_known_ || !(barrier_.smallest_pivot() < kSuspectPivot)) return lambda;
+    examine(problem);
+    return first_step(problem);
+  }
+
+  // Puts the barrier at the extrapolation of the last two optima, or at the last one where that
+  // promises a shorter step (the wanted wrench may be noisy); returns the step's decrement.
+  double predict(const Problem& problem) {
+    double ahead = kInfinity;
+    if (known_ == 2) {
+      extrapolate(problem, 2);
+      ahead = first_step(problem);
+      if (ahead < kPromising) return ahead;
+    }
+    if (known_ == 0) return kInfinity;
+    extrapolate(problem, 1);
+    const double hold = first_step(problem);
+    if (hold <= ahead) return hold;
+    extrapolate(problem, 2);
+    return first_step(problem);
+  }
+
+  // Forces extrapolated from the last `order` optima. A contact's forces are taken as shares of
+  // its ceiling, so that they follow it to zero and back; a contact that has just come into the
+  // grasp starts with a push.
+  void extrapolate(const Problem& problem, int order) {
+    const Past &last = past_[newest_], &before = past_[1 - newest_];
+    for (int i = 0, c = 0; i < layout_.contacts(); ++i) {
+      const int end = c + static_cast<int>(layout_.models[i]);
+      const double now = ceiling_[i];
+      const bool one = last.ceiling[i] > 0, two = order == 2 && before.ceiling[i] > 0;
+      const double to_last = one ? now / last.ceiling[i] : 0;
+      const double to_before = two ? now / before.ceiling[i] : 0;
+      for (bool normal = true; c < end; ++c, normal = false) {
+        if (!one)
+          guess_[c] = normal ? now * push(problem) : 0;
+        else if (!two)
+          guess_[c] = to_last * last.c[c];
+        else
+          guess_[c] = 2 * to_last * last.c[c] - to_before * before.c[c];
+      }
+    }
+    barrier_.set_forces(guess_.data());
+  }
+
+  // Share of its reach with which a contact starts that nothing is known of; the more the limits
+  // weigh, the smaller the forces that balance them.
+  static double push(const Problem& problem) { return 1 / std::sqrt(4 + 3 * *problem.alpha); }
+
+  // Newton's method where the barrier stands (at a step of decrement lambda), else from pure
+  // pushes, else the primal–dual method: from certain progress to certain verdicts.
+  Result run(const Problem& problem, double lambda, double tol, int max_steps) {
     Result result;
-    if (system_.inside()) {
-      Newton newton = minimise(system_, tol, std::min(max_steps, kPatience), false, rank_known_);
-      if (newton.end == Newton::End::Suspect) {
-        if (!restrict_to_range(problem, result)) return result;
-        newton = minimise(system_, tol, std::min(max_steps, kPatience), false, true);
-      }
-      result.newton_steps = newton.steps;
-      if (newton.end == Newton::End::Certified) return solved(newton, result);
-      if (warm) {
-        start_cold(problem);
-        const Result cold = run(problem, tol, max_steps, false);
-        result.status = cold.status;
-        result.decrement = cold.decrement;
-        result.violation = cold.violation;
-        result.newton_steps += cold.newton_steps;
+    if (lambda < kInfinity && newton(lambda, tol, max_steps, false, result)) return result;
+    if (!unreachable_) {
+      barrier_.set_pushes(push(problem));
+      lambda = first_step(problem);
+      if (lambda < kInfinity && !unreachable_ && newton(lambda, tol, max_steps, false, result))
         return result;
-      }
     }
-    if (!rank_known_ && !restrict_to_range(problem, result)) return result;
-    const PhaseOne phase = find_inside(system_, layout_, problem, max_steps, y_.data(), z_.data(),
-                                       y_try_.data(), z_try_.data());
+    if (!rank_known_) examine(problem);
+    if (unreachable_) {
+      result.status = Status::WrenchUnreachable;
+      return result;
+    }
+
+    const PhaseOneResult phase = primal_dual_.find_inside(problem, max_steps, y_, z_);
     result.newton_steps += phase.steps;
-    result.violation = phase.end == PhaseOne::End::Infeasible ? phase.violation : 0;
-    switch (phase.end) {
-      case PhaseOne::End::Inside: {
-        const Newton newton = minimise(system_, tol, max_steps, true, true);
-        result.newton_steps += newton.steps;
-        if (newton.end == Newton::End::Certified) return solved(newton, result);
-        result.status = newton.end == Newton::End::Steps      ? Status::MaxSteps
-                        : newton.end == Newton::End::Overflow ? Status::InvalidNumbers
-                                                              : Status::Stalled;
-        if (system_.largest_force() > kRunaway * system_.largest_reach())
-          result.status = Status::Unbounded;
-        break;
-      }
-      case PhaseOne::End::Infeasible:
-        result.status = Status::Infeasible;
-        break;
-      case PhaseOne::End::Steps:
-        result.status = Status::MaxSteps;
-        break;
-      case PhaseOne::End::Closest:
-        result.status = Status::Stalled;
-        break;
-      case PhaseOne::End::Overflow:
-        result.status = Status::InvalidNumbers;
-        break;
+    result.violation = phase.violation;
+    primal_dual_.get_forces(c_.data());
+    using End = PhaseOneResult::End;
+    if (phase.end != End::Inside) {
+      result.status = phase.end == End::Infeasible ? Status::Infeasible
+                      : phase.end == End::Steps    ? Status::MaxSteps
+                      : phase.end == End::Overflow ? Status::InvalidNumbers
+                                                   : Status::Stalled;
+      return result;
     }
-    finish();
+    result.violation = 0;
+    result.newton_steps +=
+        primal_dual_.follow(barrier_.cone_weight(), barrier_.limit_weight(), max_steps);
+    primal_dual_.get_forces(c_.data());
+    barrier_.set_forces(c_.data());
+    newton(first_step(problem), tol, max_steps, true, result);
+    if (barrier_.largest_force() > kRunaway * blocks_.largest_reach() &&
+        result.status != Status::Solved)
+      result.status = Status::Unbounded;
     return result;
   }
 
-  Result solved(const Newton& newton, Result result) {
-    result.status = Status::Solved;
+  // Newton's method from the barrier's point; true when it certifies an answer.
+  bool newton(double lambda, double tol, int max_steps, bool balanced, Result& result) {
+    const Newton newton = minimise(barrier_, lambda, tol, max_steps, balanced);
+    result.newton_steps += newton.steps;
+    using End = Newton::End;
+    result.status = newton.end == End::Certified  ? Status::Solved
+                    : newton.end == End::Overflow ? Status::InvalidNumbers
+                    : newton.end == End::Steps    ? Status::MaxSteps
+                                                  : Status::Stalled;
+    if (!balanced && result.status != Status::Solved) return false;
     result.decrement = newton.bound;
-    finish();
-    return result;
-  }
-
-  void finish() {
-    system_.get_forces(c_.data());
-    system_.get_multipliers(nu_.data());
-  }
-
-  // Puts the system at the extrapolation of the last two optima, or at the last one. A contact's
-  // forces are taken as shares of its ceiling, so that they follow it to zero and back; a contact
-  // that has just come into the grasp starts with a push. False when neither point is inside.
-  bool predict(const Problem& problem) {
-    for (int order = std::min(known_, 2); order > 0; --order) {
-      const Past &last = past_[newest_], &before = past_[1 - newest_];
-      for (int i = 0, c = 0; i < layout_.contacts(); ++i) {
-        const int end = c + static_cast<int>(layout_.models[i]);
-        const double now = ceiling_[i];
-        const bool one = last.ceiling[i] > 0, two = order == 2 && before.ceiling[i] > 0;
-        const double push = now / std::sqrt(4 + 3 * *problem.alpha);
-        const double to_last = one ? now / last.ceiling[i] : 0;
-        const double to_before = two ? now / before.ceiling[i] : 0;
-        for (bool normal = true; c < end; ++c, normal = false) {
-          if (!one)
-            guess_[c] = normal ? push : 0;
-          else if (!two)
-            guess_[c] = to_last * last.c[c];
-          else
-            guess_[c] = 2 * to_last * last.c[c] - to_before * before.c[c];
-        }
-      }
-      system_.set_forces(guess_.data());
-      if (system_.inside()) return true;
-    }
-    return false;
+    barrier_.get_forces(c_.data());
+    barrier_.get_multipliers(nu_.data());
+    return result.status == Status::Solved;
   }
 
   void remember(const Problem& problem) {
@@ -242,11 +245,13 @@ class Engine {
   }
 
   Layout layout_;
-  System system_;
-  std::vector<double> c_, nu_, y_, z_, y_try_, z_try_, guess_, ceiling_;
+  Blocks blocks_;
+  Barrier barrier_;
+  PrimalDual primal_dual_;
+  std::vector<double> c_, nu_, y_, z_, guess_, ceiling_;
   Past past_[2];
   int newest_ = 0, known_ = 0;
-  bool rank_known_ = false, was_deficient_ = false;
+  bool rank_known_ = false, was_deficient_ = false, unreachable_ = false;
 };
 
 }  // namespace graspforce

@@ -31,6 +31,13 @@ struct Layout {
   }
 };
 
+// Rows of ForceProblem.linear_limits() before any are left out: torques above and below, ceilings,
+// floors, inequalities.
+inline int limit_count(const Layout& layout) {
+  return 2 * layout.joints + layout.inequalities +
+         layout.contacts() * (int(layout.ceilings) + int(layout.floors));
+}
+
 // Read access to a packed problem: pointers to its fields, row-major.
 struct Problem {
   const double *W, *f, *J, *tau_lo, *tau_hi, *tau_bias, *c_max, *c_min, *engagement, *A, *b, *mu,

@@ -52,6 +52,19 @@ inline void back_substitute(const double* L, int n, double* x) {
   }
 }
 
+// Adds a row's share of a barrier's Hessian: lower triangle of H += second·a aᵀ.
+inline void add_outer(const double* a, int n, double second, double* H) {
+  for (int i = 0; i < n; ++i) {
+    const double scaled = second * a[i];
+    if (scaled == 0) continue;
+    for (int j = 0; j <= i; ++j) H[i * n + j] += scaled * a[j];
+  }
+}
+
+inline void add_scaled(double factor, const double* a, int n, double* sum) {
+  for (int i = 0; i < n; ++i) sum[i] += factor * a[i];
+}
+
 inline double dot(const double* a, const double* b, int n) {
   double sum = 0;
   for (int i = 0; i < n; ++i) sum += a[i] * b[i];

@@ -1,0 +1,282 @@
+// A problem's numbers, gathered block by block.
+//
+// In every block all linear limits are rows lo ≤ a·c ≤ hi: joint torques (less their bias), then
+// the problem's inequalities, then each contact's normal force between floor and ceiling. Absent
+// sides are infinite: their slack is infinite too, so they fall out of every barrier by themselves.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "graspforce/cone.hpp"
+#include "graspforce/layout.hpp"
+#include "graspforce/linalg.hpp"
+#include "graspforce/structure.hpp"
+
+namespace graspforce {
+
+// Hands out pieces of one allocation.
+class Arena {
+ public:
+  void reset(std::size_t count) {
+    storage_.assign(count, 0.0);
+    next_ = storage_.data();
+  }
+  double* take(std::size_t count) {
+    double* here = next_;
+    next_ += count;
+    return here;
+  }
+
+ private:
+  std::vector<double> storage_;
+  double* next_ = nullptr;
+};
+
+// One contact inside its block.
+struct Tip {
+  int contact;  // in the problem
+  int first;    // its first component in the block
+  Cone cone;
+  double reach;       // the normal force that alone uses up the tightest limit
+  double cone_scale;  // violation of the cone that counts as one, mu·reach
+};
+
+struct Part {
+  const Block* block;
+  int q, rows;  // components, rows
+  std::vector<Tip> tips;
+  double* Wt;       // q × k: this block's columns of W, transposed
+  double* a;        // rows × q
+  double *lo, *hi;  // rows
+  double* scale;    // rows: violation that counts as one
+};
+
+class Blocks {
+ public:
+  explicit Blocks(const Layout& layout)
+      : layout_(layout), structure_(layout), k_(layout.wrench_rows) {
+    rows_in_use_.resize(k_);
+    f_.resize(k_);
+  }
+
+  // Takes a problem's numbers. True when the blocks are others than before: whoever keeps vectors
+  // by block has to make them anew.
+  bool load(const Problem& p) {
+    const bool changed = !structure_.holds(p);
+    if (changed) {
+      structure_.find(p);
+      allot();
+    }
+    k_ = layout_.wrench_rows;
+    for (int r = 0; r < k_; ++r) rows_in_use_[r] = r;
+    std::copy(p.f, p.f + k_, f_.begin());
+    for (Part& part : parts_) {
+      load_wrench_rows(p, part);
+      load_limits(p, part);
+    }
+    scale_violations();
+    return changed;
+  }
+
+  // Keeps only the given rows of W c = f: an independent set when W is rank-deficient.
+  void restrict_rows(const Problem& p, const std::vector<int>& rows) {
+    k_ = static_cast<int>(rows.size());
+    std::copy(rows.begin(), rows.end(), rows_in_use_.begin());
+    for (int r = 0; r < k_; ++r) f_[r] = p.f[rows[r]];
+    for (Part& part : parts_) load_wrench_rows(p, part);
+  }
+
+  const Layout& layout() const { return layout_; }
+  const std::vector<Part>& parts() const { return parts_; }
+  int k() const { return k_; }                      // rows of W c = f in use
+  const double* f() const { return f_.data(); }     // their right-hand sides
+  int row(int r) const { return rows_in_use_[r]; }  // where row r stands in the problem
+  double largest_reach() const {
+    double largest = 0;
+    for (const Part& part : parts_)
+      for (const Tip& tip : part.tips) largest = std::max(largest, tip.reach);
+    return largest;
+  }
+
+  // How row r of a part stands among the rows of ForceProblem.linear_limits(), before any are
+  // left out: first its upper side, then its lower; −1 for a side that the problem does not have.
+  std::pair<int, int> limit_indices(const Part& part, int r) const {
+    const int joints = layout_.joints, n = layout_.contacts();
+    const int block_joints = static_cast<int>(part.block->joints.size());
+    const int inequalities = static_cast<int>(part.block->inequalities.size());
+    const int ceilings = 2 * joints, floors = ceilings + (layout_.ceilings ? n : 0);
+    if (r < block_joints) return {part.block->joints[r], joints + part.block->joints[r]};
+    r -= block_joints;
+    if (r < inequalities)
+      return {floors + (layout_.floors ? n : 0) + part.block->inequalities[r], -1};
+    const int contact = part.tips[r - inequalities].contact;
+    return {layout_.ceilings ? ceilings + contact : -1, layout_.floors ? floors + contact : -1};
+  }
+
+ private:
+  void allot() {
+    parts_.clear();
+    const std::size_t k = layout_.wrench_rows;
+    std::size_t total = 0;
+    for (const Block& block : structure_.blocks())
+      total += block.components.size() * k + count_rows(block) * (block.components.size() + 3);
+    arena_.reset(total);
+    for (const Block& block : structure_.blocks()) {
+      const std::size_t q = block.components.size(), rows = count_rows(block);
+      Part part{&block, int(q), int(rows), {}, nullptr, nullptr, nullptr, nullptr, nullptr};
+      int first = 0;
+      for (int contact : block.contacts) {
+        part.tips.push_back({contact, first, {structure_.dim(contact), 1, 1}, 1, 1});
+        first += structure_.dim(contact);
+      }
+      part.Wt = arena_.take(q * k);
+      part.a = arena_.take(rows * q);
+      part.lo = arena_.take(rows);
+      part.hi = arena_.take(rows);
+      part.scale = arena_.take(rows);
+      parts_.push_back(std::move(part));
+    }
+  }
+
+  std::size_t count_rows(const Block& block) const {
+    const bool boxed = layout_.ceilings || layout_.floors;
+    return block.joints.size() + block.inequalities.size() + (boxed ? block.contacts.size() : 0);
+  }
+
+  void load_wrench_rows(const Problem& p, Part& part) {
+    const int m = layout_.components();
+    for (int i = 0; i < part.q; ++i)
+      for (int r = 0; r < k_; ++r)
+        part.Wt[i * k_ + r] = p.W[rows_in_use_[r] * m + part.block->components[i]];
+  }
+
+  void load_limits(const Problem& p, Part& part) {
+    const Block& block = *part.block;
+    double* a = part.a;
+    int r = 0;
+    for (int joint : block.joints) {
+      for (int i = 0; i < part.q; ++i) a[i] = p.J[block.components[i] * layout_.joints + joint];
+      part.lo[r] = p.tau_lo[joint] - p.tau_bias[joint];
+      part.hi[r] = p.tau_hi[joint] - p.tau_bias[joint];
+      a += part.q;
+      ++r;
+    }
+    for (int row : block.inequalities) {
+      for (int i = 0; i < part.q; ++i) a[i] = p.A[row * layout_.components() + block.components[i]];
+      part.lo[r] = -kInfinity;
+      part.hi[r] = p.b[row];
+      a += part.q;
+      ++r;
+    }
+    for (Tip& tip : part.tips) {
+      tip.cone.mu = p.mu[tip.contact];
+      tip.cone.torsion = p.mu[tip.contact] / p.gamma[tip.contact];
+      if (r == part.rows) continue;
+      const double share = p.engagement[tip.contact];
+      a[tip.first] = 1;
+      part.hi[r] = layout_.ceilings ? share * p.c_max[tip.contact] : kInfinity;
+      part.lo[r] = layout_.floors ? share * p.c_min[tip.contact] : -kInfinity;
+      a += part.q;
+      ++r;
+    }
+  }
+
+  // What one unit of relative violation means; the definition is reference.violation_scales.
+  void scale_violations() {
+    double known = 0, wrench = 0;
+    for (Part& part : parts_) {
+      const int joints = static_cast<int>(part.block->joints.size());
+      const int others = joints + static_cast<int>(part.block->inequalities.size());
+      for (int r = 0; r < joints; ++r) part.scale[r] = 0.5 * (part.hi[r] - part.lo[r]);
+      for (std::size_t i = 0; i < part.tips.size(); ++i) {
+        Tip& tip = part.tips[i];
+        tip.reach = layout_.ceilings ? part.hi[others + i] : kInfinity;
+        for (int r = 0; r < joints; ++r) {
+          const double lever = std::abs(part.a[r * part.q + tip.first]);
+          if (lever > 0) tip.reach = std::min(tip.reach, 2 * part.scale[r] / lever);
+        }
+        if (tip.reach < kInfinity) known = std::max(known, tip.reach);
+      }
+    }
+    for (int r = 0; r < k_; ++r) wrench = std::max(wrench, std::abs(f_[r]));
+    const double fallback = known > 0 ? known : wrench > 0 ? wrench : 1;
+    for (Part& part : parts_) {
+      for (Tip& tip : part.tips) {
+        if (!(tip.reach < kInfinity)) tip.reach = fallback;
+        tip.cone_scale = tip.cone.mu * tip.reach;
+      }
+      int r = static_cast<int>(part.block->joints.size());
+      for (std::size_t i = 0; i < part.block->inequalities.size(); ++i, ++r) {
+        double own = 0;
+        for (const Tip& tip : part.tips)
+          for (int j = 0; j < tip.cone.dim; ++j)
+            own += std::abs(part.a[r * part.q + tip.first + j]) * tip.reach;
+        part.scale[r] = own > 0 ? own : std::max(std::abs(part.hi[r]), fallback);
+      }
+      for (std::size_t i = 0; r < part.rows; ++i, ++r) part.scale[r] = part.tips[i].reach;
+    }
+  }
+
+  const Layout& layout_;
+  Structure structure_;
+  int k_;
+  std::vector<int> rows_in_use_;
+  std::vector<double> f_;
+  std::vector<Part> parts_;
+  Arena arena_;
+};
+
+// The k × k system that ties the blocks together: S = Σ W_i H_i⁻¹ W_iᵀ.
+class Schur {
+ public:
+  explicit Schur(int largest) : S_(static_cast<std::size_t>(largest) * largest) {}
+
+  void clear(int k) {
+    k_ = k;
+    std::fill_n(S_.begin(), k * k, 0.0);
+  }
+  void add(const double* Z, int q) {  // S += ZᵀZ for a q × k block, lower triangle
+    for (int i = 0; i < q; ++i) {
+      const double* z = Z + i * k_;
+      for (int r = 0; r < k_; ++r)
+        for (int s = 0; s <= r; ++s) S_[r * k_ + s] += z[r] * z[s];
+    }
+  }
+  // Returns the smallest pivot relative to its diagonal: tiny when W has dependent rows, or when
+  // the point is extremely close to the boundary.
+  double factor() { return cholesky(S_.data(), k_); }
+  void solve(double* x) const {
+    forward_substitute(S_.data(), k_, x);
+    back_substitute(S_.data(), k_, x);
+  }
+
+ private:
+  int k_ = 0;
+  std::vector<double> S_;
+};
+
+// max |f − W c| over the rows in use, relative to the wrenches that add up to f.
+template <class Forces>
+double relative_wrench_error(const Blocks& blocks, Forces forces) {
+  double worst = 0, scale = 0;
+  for (int r = 0; r < blocks.k(); ++r) {
+    double sum = 0, size = std::abs(blocks.f()[r]);
+    for (std::size_t b = 0; b < blocks.parts().size(); ++b) {
+      const Part& part = blocks.parts()[b];
+      const double* c = forces(b);
+      for (int i = 0; i < part.q; ++i) {
+        const double wrench = part.Wt[i * blocks.k() + r] * c[i];
+        sum += wrench;
+        size += std::abs(wrench);
+      }
+    }
+    worst = std::max(worst, std::abs(blocks.f()[r] - sum));
+    scale = std::max(scale, size);
+  }
+  return scale > 0 ? worst / scale : 0;
+}
+
+}  // namespace graspforce

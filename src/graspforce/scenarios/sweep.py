@@ -1,0 +1,73 @@
+"""One grasp over a range of alpha: from a firm grip to a light one (Section IV-A, Fig. 4, 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspforce._arrays import Array, as_array
+from graspforce.scenarios.paper import static
+from graspforce.scenarios.scenario import Scenario
+from graspforce.settings import Settings
+from graspforce.solve import solve
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlphaSweep:
+    """The optimal grasps of A values of alpha.
+
+    Attributes:
+        alpha: shape (A,).
+        c: contact forces in the contact frames, shape (A, m) [N, N·m].
+        tau: joint torques, shape (A, n_joints) [N·m].
+        normal_forces: shape (A, n) [N].
+        friction_residual: r_f of Eq. (22), shape (A,) [N²].
+        torque_residual: r_tau, shape (A,) [N·m].
+        max_torque: the largest joint torque's size, shape (A,) [N·m].
+        newton_steps: from a cold start, shape (A,).
+        status: values of :class:`graspforce.Status`, shape (A,).
+    """
+
+    alpha: Array
+    c: Array
+    tau: Array
+    normal_forces: Array
+    friction_residual: Array
+    torque_residual: Array
+    max_torque: Array
+    newton_steps: NDArray[np.int64]
+    status: NDArray[np.int64]
+
+
+def sweep_alpha(
+    alphas: ArrayLike | None = None,
+    scenario: Scenario | None = None,
+    settings: Settings | None = None,
+) -> AlphaSweep:
+    """Solve the first tick of a scenario for many values of alpha, each from a cold start.
+
+    Args:
+        alphas: shape (A,); default 41 values from 0.01 to 100, even in the logarithm.
+        scenario: default :func:`graspforce.scenarios.static`.
+        settings: of the solves.
+
+    Raises:
+        InvalidInputError: an alpha that is not positive.
+    """
+    given = as_array(np.logspace(-2, 2, 41) if alphas is None else alphas, "alphas", ("A",))
+    problem = (scenario or static()).problem(0.0)
+    solutions = [solve(problem.replace(alpha=float(alpha)), settings) for alpha in given]
+    tau = np.array([each.tau for each in solutions])
+    return AlphaSweep(
+        alpha=given,
+        c=np.array([each.c for each in solutions]),
+        tau=tau,
+        normal_forces=np.array([each.normal_forces for each in solutions]),
+        friction_residual=np.array([each.friction_residual for each in solutions]),
+        torque_residual=np.array([each.torque_residual for each in solutions]),
+        max_torque=np.abs(tau).max(axis=1),
+        newton_steps=np.array([each.newton_steps for each in solutions]),
+        status=np.array([int(each.status) for each in solutions]),
+    )

@@ -1,0 +1,200 @@
+"""Motions of the object, and the wrench that a motion takes.
+
+A motion is data: asked for a time, it returns position, yaw and their first two derivatives in
+closed form. The paper moves its cube on a horizontal circle while it turns to and fro about the
+vertical (Section IV-B), and holds it still at a pose (Section IV-A). :func:`wrench` turns a
+motion into the f of W c = f: weight, inertia and angular acceleration.
+
+Everything is in world axes, z up. Torques are about the centre of mass.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspforce._arrays import Array, as_array, as_positive
+from graspforce.errors import InvalidInputError
+
+GRAVITY = 9.81  # [m/s²]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """How a body that turns about the vertical moves at one time; world axes.
+
+    Attributes:
+        position: of the centre of mass, shape (3,) [m].
+        velocity: shape (3,) [m/s].
+        acceleration: shape (3,) [m/s²].
+        yaw: angle about z [rad].
+        yaw_rate: [rad/s].
+        yaw_acceleration: [rad/s²].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    yaw: float
+    yaw_rate: float
+    yaw_acceleration: float
+
+    @property
+    def rotation(self) -> Array:
+        """R_world_object, shape (3, 3): v_world = R @ v_object."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    @property
+    def angular_velocity(self) -> Array:
+        """Shape (3,) [rad/s]."""
+        return np.array([0.0, 0.0, self.yaw_rate])
+
+    @property
+    def angular_acceleration(self) -> Array:
+        """Shape (3,) [rad/s²]."""
+        return np.array([0.0, 0.0, self.yaw_acceleration])
+
+
+class Motion(Protocol):
+    """A rigid motion with the vertical as its only axis of rotation."""
+
+    def at(self, t: float) -> State:
+        """Return the state at time t [s]."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """Standing still at a pose.
+
+    Args:
+        position: of the centre of mass, shape (3,) [m].
+        yaw: angle about z [rad].
+    """
+
+    position: tuple[float, float, float]
+    yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", _triple(self.position, "position"))
+        object.__setattr__(self, "yaw", _number(self.yaw, "yaw"))
+
+    def at(self, t: float) -> State:
+        """Return the state at time t [s]; always the same."""
+        _number(t, "t")
+        return State(np.array(self.position), np.zeros(3), np.zeros(3), self.yaw, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Circle:
+    """A horizontal circle, begun at +x of its centre, with yaw swinging as a sine.
+
+    Position: centre + radius·(cos 2πt/period, sin 2πt/period, 0).
+    Yaw: yaw_amplitude·sin(2π·yaw_frequency·t).
+
+    Args:
+        centre: shape (3,) [m].
+        radius: [m].
+        period: time of one turn [s].
+        yaw_amplitude: [rad]; 0 or negative is fine.
+        yaw_frequency: [Hz].
+    """
+
+    centre: tuple[float, float, float]
+    radius: float
+    period: float
+    yaw_amplitude: float = 0.0
+    yaw_frequency: float = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre", _triple(self.centre, "centre"))
+        object.__setattr__(self, "radius", as_positive(self.radius, "radius", "m"))
+        object.__setattr__(self, "period", as_positive(self.period, "period", "s"))
+        object.__setattr__(self, "yaw_amplitude", _number(self.yaw_amplitude, "yaw_amplitude"))
+        object.__setattr__(
+            self, "yaw_frequency", as_positive(self.yaw_frequency, "yaw_frequency", "Hz")
+        )
+
+    def at(self, t: float) -> State:
+        """Return the state at time t [s]."""
+        time = _number(t, "t")
+        turn = 2 * math.pi / self.period
+        cos, sin = math.cos(turn * time), math.sin(turn * time)
+        arm = self.radius * np.array([cos, sin, 0.0])
+        along = self.radius * np.array([-sin, cos, 0.0])
+        swing = 2 * math.pi * self.yaw_frequency
+        yaw = self.yaw_amplitude * math.sin(swing * time)
+        return State(
+            position=np.array(self.centre) + arm,
+            velocity=turn * along,
+            acceleration=-(turn**2) * arm,
+            yaw=yaw,
+            yaw_rate=self.yaw_amplitude * swing * math.cos(swing * time),
+            yaw_acceleration=-(swing**2) * yaw,
+        )
+
+
+def wrench(
+    mass: float,
+    inertia: ArrayLike,
+    acceleration: ArrayLike = (0.0, 0.0, 0.0),
+    angular_velocity: ArrayLike = (0.0, 0.0, 0.0),
+    angular_acceleration: ArrayLike = (0.0, 0.0, 0.0),
+    gravity: float = GRAVITY,
+) -> Array:
+    """Return the wrench that the fingers must exert for a motion, about the centre of mass.
+
+    Args:
+        mass: [kg].
+        inertia: about the centre of mass in world axes, shape (3, 3), symmetric and positive
+            definite; or a scalar, the moment about a vertical principal axis, for bodies that
+            turn about the vertical only [kg·m²].
+        acceleration: of the centre of mass, shape (3,) [m/s²].
+        angular_velocity: ω, shape (3,) [rad/s].
+        angular_acceleration: dω/dt, shape (3,) [rad/s²].
+        gravity: pulls along −z [m/s²]; 0 for none.
+
+    Returns:
+        f = [m (a + g e_z); I dω/dt + ω × I ω], shape (6,) [N, N·m], world axes.
+
+    Raises:
+        InvalidInputError: a wrong shape or sign, or a horizontal rotation with a scalar inertia.
+    """
+    m = as_positive(mass, "mass", "kg")
+    a = as_array(acceleration, "acceleration", (3,))
+    omega = as_array(angular_velocity, "angular_velocity", (3,))
+    omega_dot = as_array(angular_acceleration, "angular_acceleration", (3,))
+    if np.ndim(inertia) == 0:
+        vertical = as_positive(cast(float, inertia), "inertia", "kg·m²")
+        if omega[:2].any() or omega_dot[:2].any():
+            raise InvalidInputError(
+                "inertia: got a scalar, expected shape (3, 3) for a rotation about other axes "
+                "than the vertical"
+            )
+        torque = vertical * omega_dot
+    else:
+        tensor = as_array(inertia, "inertia", (3, 3))
+        if not np.allclose(tensor, tensor.T, rtol=0, atol=1e-9 * np.abs(tensor).max()):
+            raise InvalidInputError(f"inertia: got {tensor.tolist()}, expected it symmetric")
+        least = float(np.linalg.eigvalsh(tensor)[0])
+        if least <= 0:
+            raise InvalidInputError(
+                f"inertia: got a least principal moment of {least:g} kg·m², expected more than 0"
+            )
+        torque = tensor @ omega_dot + np.cross(omega, tensor @ omega)
+    force = m * (a + np.array([0.0, 0.0, _number(gravity, "gravity")]))
+    return np.concatenate((force, torque))
+
+
+def _number(value: float, name: str) -> float:
+    return float(as_array(value, name, ()))
+
+
+def _triple(value: ArrayLike, name: str) -> tuple[float, float, float]:
+    x, y, z = as_array(value, name, (3,)).tolist()
+    return (x, y, z)
