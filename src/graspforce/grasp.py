@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
@@ -11,8 +11,10 @@ from graspforce._arrays import Array, as_array
 from graspforce.contact import Contact, ContactModel
 from graspforce.errors import InvalidInputError
 from graspforce.grasp_map import grasp_map
-from graspforce.hands.hand import Hand
 from graspforce.problem import ForceProblem
+
+if TYPE_CHECKING:
+    from graspforce.hands.hand import Hand
 
 
 class Grasp:

@@ -110,7 +110,10 @@ class Engine {
       result.status = Status::Unbounded;
       return false;
     }
-    if (blocks_.load(problem)) barrier_.allot();
+    if (blocks_.load(problem)) {
+      barrier_.allot();
+      primal_dual_.allot();
+    }
     barrier_.set_weights(*problem.alpha);
     rank_known_ = unreachable_ = false;
     if (was_deficient_) examine(problem);

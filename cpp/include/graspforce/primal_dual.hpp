@@ -45,9 +45,28 @@ class PrimalDual {
         center_(nu_),
         bend_(nu_) {}
 
+  // Makes the vectors that are kept by block; needed whenever Blocks::load says so.
+  void allot() {
+    const std::size_t k = blocks_.layout().wrench_rows;
+    std::size_t total = 0;
+    for (const Part& part : blocks_.parts()) total += part.q * (7 + part.q + k);
+    arena_.reset(total);
+    work_.clear();
+    for (const Part& part : blocks_.parts()) {
+      const std::size_t q = part.q;
+      Work w;
+      for (double** vector : {&w.c, &w.d, &w.g, &w.h, &w.u, &w.v, &w.x}) *vector = arena_.take(q);
+      w.H = arena_.take(q * q);
+      w.Z = arena_.take(q * k);
+      w.hi.resize(part.rows);
+      w.lo.resize(part.rows);
+      w.cones.resize(part.tips.size());
+      work_.push_back(std::move(w));
+    }
+  }
+
   PhaseOneResult find_inside(const Problem& problem, int max_steps, std::vector<double>& y,
                              std::vector<double>& z) {
-    allot();
     relax();
     PhaseOneResult result;
     bool proved = false;
@@ -141,25 +160,6 @@ class PrimalDual {
   };
 
   const Part& part(std::size_t b) const { return blocks_.parts()[b]; }
-
-  void allot() {
-    const std::size_t k = blocks_.layout().wrench_rows;
-    std::size_t total = 0;
-    for (const Part& part : blocks_.parts()) total += part.q * (7 + part.q + k);
-    arena_.reset(total);
-    work_.clear();
-    for (const Part& part : blocks_.parts()) {
-      const std::size_t q = part.q;
-      Work w;
-      for (double** vector : {&w.c, &w.d, &w.g, &w.h, &w.u, &w.v, &w.x}) *vector = arena_.take(q);
-      w.H = arena_.take(q * q);
-      w.Z = arena_.take(q * k);
-      w.hi.resize(part.rows);
-      w.lo.resize(part.rows);
-      w.cones.resize(part.tips.size());
-      work_.push_back(std::move(w));
-    }
-  }
 
   // Every slack, multiplier and cone of the problem in turn.
   template <class Row, class Tips>

@@ -1,0 +1,189 @@
+// Tests of the core by itself: what Python cannot see from outside, or would hide.
+#include <cstdio>
+#include <cstdlib>
+#include <new>
+#include <random>
+#include <vector>
+
+#include "graspforce/engine.hpp"
+
+// Every allocation of the program is counted.
+static long allocations = 0;
+void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* p = std::malloc(size)) return p;
+  throw std::bad_alloc();
+}
+void operator delete(void* p) noexcept { std::free(p); }
+void operator delete(void* p, std::size_t) noexcept { std::free(p); }
+
+using namespace graspforce;
+
+static int failures = 0;
+#define EXPECT(condition)                                         \
+  do {                                                            \
+    if (!(condition)) {                                           \
+      std::printf("%s:%d: %s\n", __FILE__, __LINE__, #condition); \
+      ++failures;                                                 \
+    }                                                             \
+  } while (false)
+
+// Four fingers of three joints around a cube of side 2 cm; J is a scaled rotation for each.
+struct Cube {
+  Layout layout;
+  std::vector<double> packed;
+
+  explicit Cube(bool ceilings) {
+    for (int i = 0; i < 4; ++i) layout.models.push_back(Model::PCWF);
+    layout.joints = 12;
+    layout.ceilings = ceilings;
+    packed.assign(Problem(layout, nullptr).size, 0.0);
+    const double normals[4][3] = {{-1, 0, 0}, {0, -1, 0}, {1, 0, 0}, {0, 1, 0}};
+    for (int i = 0; i < 4; ++i) {
+      const double* n = normals[i];
+      const double axes[3][3] = {{n[0], n[1], 0}, {0, 0, 1}, {n[1], -n[0], 0}};
+      const double p[3] = {-0.01 * n[0], -0.01 * n[1], 0};
+      for (int a = 0; a < 3; ++a) {
+        const double* e = axes[a];
+        const double torque[3] = {p[1] * e[2] - p[2] * e[1], p[2] * e[0] - p[0] * e[2],
+                                  p[0] * e[1] - p[1] * e[0]};
+        for (int r = 0; r < 3; ++r) {
+          at(&Problem::W)[r * 12 + 3 * i + a] = e[r];
+          at(&Problem::W)[(3 + r) * 12 + 3 * i + a] = torque[r];
+        }
+        for (int j = 0; j < 3; ++j)
+          at(&Problem::J)[(3 * i + a) * 12 + 3 * i + j] = a == j ? 0.07 : 0.02 * (a - j);
+      }
+      at(&Problem::mu)[i] = 0.5;
+      at(&Problem::gamma)[i] = 1;
+      at(&Problem::engagement)[i] = 1;
+      if (ceilings) at(&Problem::c_max)[i] = 20;
+    }
+    for (int j = 0; j < 12; ++j) {
+      at(&Problem::tau_lo)[j] = -0.5;
+      at(&Problem::tau_hi)[j] = 0.5;
+    }
+    at(&Problem::f)[2] = 2.5;
+    at(&Problem::alpha)[0] = 5;
+  }
+  double* at(const double* Problem::* field) {
+    return const_cast<double*>(Problem(layout, packed.data()).*field);
+  }
+};
+
+static void step_to_the_boundary() {
+  // The ray runs along the cone's generator direction: the quadratic loses its leading term.
+  const double s[3] = {2, 1, 0}, d[3] = {-1, 1, 0};
+  EXPECT(std::abs(lorentz::step_limit(s, d, 3) - 0.5) < 1e-15);
+  const double inward[3] = {1, 0, 0}, sideways[3] = {0, 1, 0};
+  EXPECT(lorentz::step_limit(s, inward, 3) == kInfinity);
+  EXPECT(std::abs(lorentz::step_limit(s, sideways, 3) - 1) < 1e-15);
+  // Against bisection, on random rays.
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal;
+  for (int trial = 0; trial < 2000; ++trial) {
+    double point[4], ray[4];
+    for (int i = 1; i < 4; ++i) point[i] = normal(random);
+    for (double& value : ray) value = normal(random);
+    point[0] = lorentz::radius(point, 4) * (1 + std::exp(3 * normal(random)));
+    const double limit = lorentz::step_limit(point, ray, 4);
+    auto inside = [&](double t) {
+      double moved[4];
+      for (int i = 0; i < 4; ++i) moved[i] = point[i] + t * ray[i];
+      return moved[0] > lorentz::radius(moved, 4);
+    };
+    if (limit == kInfinity) {
+      EXPECT(inside(1e3) && inside(1e6));
+    } else {
+      EXPECT(inside(limit * (1 - 1e-6)) && !inside(limit * (1 + 1e-6)));
+    }
+  }
+}
+
+static void scaling_maps_slack_to_multiplier() {
+  std::mt19937 random(2);
+  std::normal_distribution<double> normal;
+  for (int trial = 0; trial < 200; ++trial) {
+    double s[4], z[4], P[16];
+    for (int i = 1; i < 4; ++i) s[i] = normal(random), z[i] = normal(random);
+    s[0] = lorentz::radius(s, 4) * (1 + std::exp(normal(random)));
+    z[0] = lorentz::radius(z, 4) * (1 + std::exp(normal(random)));
+    lorentz::scaling(s, z, 4, P);
+    for (int i = 0; i < 4; ++i) {
+      EXPECT(std::abs(dot(P + 4 * i, s, 4) - z[i]) < 1e-11 * z[0]);
+      for (int j = 0; j < i; ++j) EXPECT(P[4 * i + j] == P[4 * j + i]);
+    }
+  }
+}
+
+static void ticks_do_not_allocate() {
+  Cube cube(true);
+  Engine engine(cube.layout);
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  EXPECT(engine.tick(cube.packed.data(), 1e-9, 200).status == Status::Solved);
+  EXPECT(engine.solve(cube.packed.data(), 1e-9, 200).status == Status::Solved);
+  const long before = allocations;
+  for (int tick = 0; tick < 2000; ++tick) {
+    for (int r = 0; r < 3; ++r) cube.at(&Problem::f)[r] += 0.01 * normal(random);
+    EXPECT(engine.tick(cube.packed.data(), 1e-9, 200).status == Status::Solved);
+  }
+  EXPECT(engine.solve(cube.packed.data(), 1e-9, 200).status == Status::Solved);
+  EXPECT(allocations == before);
+}
+
+static void blocks_follow_the_pattern() {
+  Cube cube(false);
+  Structure structure(cube.layout);
+  const Problem problem(cube.layout, cube.packed.data());
+  structure.find(problem);
+  EXPECT(structure.blocks().size() == 4);
+  EXPECT(structure.holds(problem));
+  cube.at(&Problem::J)[0 * 12 + 5] = 1e-3;  // finger 2's last joint feels contact 1
+  EXPECT(!structure.holds(problem));
+  structure.find(problem);
+  EXPECT(structure.blocks().size() == 3);
+  cube.at(&Problem::engagement)[3] = 0;
+  EXPECT(!structure.holds(problem));
+  structure.find(problem);
+  EXPECT(structure.blocks().size() == 2);
+}
+
+static void infeasible_ticks_are_proved_and_forgotten() {
+  Cube cube(true);
+  Engine engine(cube.layout);
+  const Result good = engine.tick(cube.packed.data(), 1e-9, 200);
+  std::vector<double> heavy = cube.packed;
+  const_cast<double*>(Problem(cube.layout, heavy.data()).f)[2] = 500;
+  const Result bad = engine.tick(heavy.data(), 1e-9, 200);
+  EXPECT(bad.status == Status::Infeasible && bad.violation > 0);
+  EXPECT(proves_infeasible(cube.layout, Problem(cube.layout, heavy.data()), engine.certificate_y(),
+                           engine.certificate_z()));
+  EXPECT(!proves_infeasible(cube.layout, Problem(cube.layout, cube.packed.data()),
+                            engine.certificate_y(), engine.certificate_z()));
+  const Result again = engine.tick(cube.packed.data(), 1e-9, 200);
+  EXPECT(again.status == Status::Solved && again.newton_steps == good.newton_steps);
+}
+
+static void nonsense_gets_a_status() {
+  for (double size : {1e-300, 1e-200, 1e-30, 1e30, 1e200, 1e300}) {
+    Cube cube(true);
+    for (double& value : cube.packed) value *= size;
+    for (int i = 0; i < 4; ++i) cube.at(&Problem::engagement)[i] = 1;
+    Engine engine(cube.layout);
+    const Result result = engine.solve(cube.packed.data(), 1e-9, 50);
+    if (result.status == Status::Solved)
+      for (int c = 0; c < 12; ++c) EXPECT(std::isfinite(engine.forces()[c]));
+  }
+}
+
+int main() {
+  step_to_the_boundary();
+  scaling_maps_slack_to_multiplier();
+  ticks_do_not_allocate();
+  blocks_follow_the_pattern();
+  infeasible_ticks_are_proved_and_forgotten();
+  nonsense_gets_a_status();
+  if (failures == 0) std::printf("all core tests passed\n");
+  return failures == 0 ? 0 : 1;
+}
