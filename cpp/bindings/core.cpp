@@ -1,4 +1,5 @@
 // The compiled module graspforce._core: translation between Python and the core, nothing else.
+// It is built once for each instruction set, under the name GRASPFORCE_MODULE.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
@@ -33,7 +34,7 @@ Layout make_layout(int wrench_rows, const std::vector<int>& dims, int joints, in
   return layout;
 }
 
-std::size_t packed_size(const Layout& layout) { return Problem(layout, nullptr).size; }
+std::size_t packed_size(const Layout& layout) { return Offsets(layout).size; }
 
 // The numbers of one solve, copied out of the engine: forces, multipliers, certificate, and for a
 // tick a snapshot of its problem. One allocation.
@@ -88,7 +89,21 @@ auto proof(const double* (Outcome::*data)() const, std::size_t Outcome::* size) 
 }
 
 // Keyword fields of a tick, in the order of Servo.step.
-enum Field { F, W, J, TauLo, TauHi, TauBias, CMax, CMin, Engagement, A, B, Alpha, kFields };
+enum Field {
+  kF,
+  kW,
+  kJ,
+  kTauLo,
+  kTauHi,
+  kTauBias,
+  kCMax,
+  kCMin,
+  kEngagement,
+  kA,
+  kB,
+  kAlpha,
+  kFields
+};
 
 class Servo {
  public:
@@ -100,22 +115,22 @@ class Servo {
         now_(packed.data(), packed.data() + packed.size()),
         next_(now_) {
     const Layout& layout = engine_.layout();
-    const Problem p(layout, nullptr);
+    const Offsets at(layout);
     const int n = layout.contacts(), m = layout.components(), k = wrench_rows;
-    auto place = [&](Field field, const double* at, int rows, int columns) {
-      slots_[field] = {static_cast<std::size_t>(at - p.W), rows, columns};
+    auto place = [&](Field field, std::size_t offset, int rows, int columns) {
+      slots_[field] = {offset, rows, columns};
     };
-    place(F, p.f, k, 0);
-    place(W, p.W, k, m);
-    place(J, p.J, m, joints);
-    place(TauLo, p.tau_lo, joints, 0);
-    place(TauHi, p.tau_hi, joints, 0);
-    place(TauBias, p.tau_bias, joints, 0);
-    place(CMax, p.c_max, ceilings ? n : 0, 0);
-    place(CMin, p.c_min, floors ? n : 0, 0);
-    place(Engagement, p.engagement, n, 0);
-    place(A, p.A, inequalities, m);
-    place(B, p.b, inequalities, 0);
+    place(kF, at.f, k, 0);
+    place(kW, 0, k, m);
+    place(kJ, at.J, m, joints);
+    place(kTauLo, at.tau_lo, joints, 0);
+    place(kTauHi, at.tau_hi, joints, 0);
+    place(kTauBias, at.tau_bias, joints, 0);
+    place(kCMax, at.c_max, ceilings ? n : 0, 0);
+    place(kCMin, at.c_min, floors ? n : 0, 0);
+    place(kEngagement, at.engagement, n, 0);
+    place(kA, at.A, inequalities, m);
+    place(kB, at.b, inequalities, 0);
   }
 
   // Takes changed fields that are plainly fine and solves; None, with nothing changed, when any
@@ -127,19 +142,26 @@ class Servo {
     const nb::object* given[kFields] = {&f,     &W,     &J,          &tau_lo, &tau_hi, &tau_bias,
                                         &c_max, &c_min, &engagement, &A,      &b,      &alpha};
     bool fine = alpha.is_none();
-    for (int field = 0; field < Alpha && fine; ++field)
-      fine = given[field]->is_none() || stage(*given[field], slots_[field]);
-    if (!fine || !plausible()) {
+    unsigned changed = 0;
+    for (int field = 0; field < kAlpha && fine; ++field) {
+      if (given[field]->is_none()) continue;
+      fine = stage(*given[field], slots_[field]);
+      changed |= field == kF   ? 0u
+                 : field == kW ? kChangedMap
+                 : field == kJ ? kChangedJacobian
+                               : kChangedRest;
+    }
+    if (!fine || (changed & kChangedRest && !plausible())) {
       std::copy(now_.begin(), now_.end(), next_.begin());
       return std::nullopt;
     }
-    return solve();
+    return solve(changed);
   }
 
   Outcome step_problem(Vector packed) {
     if (packed.size() != now_.size()) throw nb::value_error("packed: wrong size");
     std::copy_n(packed.data(), packed.size(), next_.begin());
-    return solve();
+    return solve(kChangedAll);
   }
 
   void reset() { engine_.reset(); }
@@ -191,12 +213,12 @@ class Servo {
     return fine;
   }
 
-  Outcome solve() {
+  Outcome solve(unsigned changed) {
     now_.swap(next_);
     Result result;
     {
       nb::gil_scoped_release release;
-      result = engine_.tick(now_.data(), tol_, max_steps_);
+      result = engine_.tick(now_.data(), tol_, max_steps_, changed);
       std::copy(now_.begin(), now_.end(), next_.begin());
     }
     return Outcome(engine_, result, now_.data(), now_.size());
@@ -206,7 +228,7 @@ class Servo {
   double tol_;
   int max_steps_;
   std::vector<double> now_, next_;
-  std::array<Slot, Alpha> slots_;
+  std::array<Slot, kAlpha> slots_;
 };
 
 class Solver {
@@ -234,13 +256,24 @@ class Solver {
 }  // namespace
 }  // namespace graspforce
 
-NB_MODULE(_core, module) {
+NB_MODULE(GRASPFORCE_MODULE, module) {
   using graspforce::field;
   using graspforce::Outcome;
   using graspforce::proof;
   using graspforce::Servo;
   using graspforce::Solver;
   module.doc() = "The compiled core of graspforce; see graspforce._engine.";
+
+  module.def(
+      "has_avx2",
+      [] {
+#if defined(__x86_64__)
+        return bool(__builtin_cpu_supports("avx2")) && bool(__builtin_cpu_supports("fma"));
+#else
+        return false;
+#endif
+      },
+      "Whether this processor runs the module built for AVX2 and FMA.");
 
   nb::class_<Outcome>(module, "Outcome")
       .def_prop_ro("status", [](const Outcome& o) { return static_cast<int>(o.result.status); })
@@ -267,5 +300,5 @@ NB_MODULE(_core, module) {
            "engagement"_a.none(), "A"_a.none(), "b"_a.none(), "alpha"_a.none())
       .def("step_problem", &Servo::step_problem, "packed"_a)
       .def("reset", &Servo::reset)
-      .def_prop_ro("packed", &Servo::packed);
+      .def_prop_ro("packed", &Servo::packed, nb::rv_policy::automatic);
 }

@@ -37,7 +37,7 @@ struct Cube {
     for (int i = 0; i < 4; ++i) layout.models.push_back(Model::PCWF);
     layout.joints = 12;
     layout.ceilings = ceilings;
-    packed.assign(Problem(layout, nullptr).size, 0.0);
+    packed.assign(Offsets(layout).size, 0.0);
     const double normals[4][3] = {{-1, 0, 0}, {0, -1, 0}, {1, 0, 0}, {0, 1, 0}};
     for (int i = 0; i < 4; ++i) {
       const double* n = normals[i];

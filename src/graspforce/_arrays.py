@@ -74,6 +74,11 @@ def as_positive(value: float, name: str, unit: str = "") -> float:
     return number
 
 
+def signless(array: Array) -> bytes:
+    """Return an array's bytes with −0 as 0: equal arrays give equal bytes, for hashing."""
+    return (array + 0.0).tobytes()
+
+
 def require(ok: NDArray[np.bool_], name: str, values: Array, expected: str) -> None:
     """Raise unless every entry of ``ok`` holds; the text names the first entry that does not.
 

@@ -7,6 +7,9 @@ import numpy
 from numpy.typing import NDArray
 
 
+def has_avx2() -> bool:
+    """Whether this processor runs the module built for AVX2 and FMA."""
+
 class Outcome:
     @property
     def status(self) -> int: ...

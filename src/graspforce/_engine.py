@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import threading
 from typing import Protocol
 
@@ -12,6 +13,11 @@ from graspforce._arrays import Array
 from graspforce.outcome import Outcome, TickOutcome
 from graspforce.problem import ForceProblem, Layout
 from graspforce.settings import Settings
+
+# The same core stands in a second module, built for wider registers, where there are such.
+_module = importlib.import_module("graspforce._core_avx2") if _core.has_avx2() else _core
+Solver: type[_core.Solver] = _module.Solver
+NativeServo: type[_core.Servo] = _module.Servo
 
 # Layouts for which a thread keeps its solver.
 SOLVERS_KEPT = 16
@@ -64,7 +70,7 @@ class ReferenceServo:
         return None
 
     def step_problem(self, packed: Array) -> Outcome:
-        problem = ForceProblem.from_packed(self._problem.layout, self._problem.models, packed)
+        problem = ForceProblem.from_packed(self._problem.layout, packed)
         self._problem = problem
         start = None
         if len(self._past) == 2:
@@ -72,7 +78,7 @@ class ReferenceServo:
         elif self._past:
             start = self._past[0]
         outcome = reference.solve(problem, self._settings, start)
-        self._past = [*self._past[-1:], outcome.c] if outcome.status == 0 else []
+        self._past = [*self._past[-1:], np.array(outcome.c)] if outcome.status == 0 else []
         return outcome
 
     def reset(self) -> None:
@@ -93,7 +99,7 @@ def _native_solver(layout: Layout) -> _core.Solver:
     if solver is None:
         if len(solvers) >= SOLVERS_KEPT:
             solvers.pop(next(iter(solvers)))
-        solver = solvers[layout] = _core.Solver(*layout)
+        solver = solvers[layout] = Solver(*layout)
     return solver
 
 
@@ -109,4 +115,4 @@ def make_servo(problem: ForceProblem, settings: Settings) -> ServoBackend:
     """Return the servo of the backend that the settings name."""
     if settings.backend == "reference":
         return ReferenceServo(problem, settings)
-    return _core.Servo(*problem.layout, problem.packed, settings.tol, settings.max_steps)
+    return NativeServo(*problem.layout, problem.packed, settings.tol, settings.max_steps)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._arrays import Array, signless
+from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 
 
@@ -41,7 +42,7 @@ class Certificate:
         return np.array_equal(self.y, other.y) and np.array_equal(self.z, other.z)
 
     def __hash__(self) -> int:
-        return hash((self.y.tobytes(), self.z.tobytes()))
+        return hash((signless(self.y), signless(self.z)))
 
 
 def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:
@@ -49,9 +50,17 @@ def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:
 
     Each sum of p products is off by at most about p·2⁻⁵³ of its absolute terms; the check asks
     for more than 1e-14·p of them on the safe side.
+
+    Raises:
+        InvalidInputError: the certificate's sizes are not the problem's.
     """
     A, b = problem.linear_limits()
     y, z, W, f = certificate.y, certificate.z, problem.W, problem.f
+    if y.shape != f.shape or z.shape != b.shape:
+        raise InvalidInputError(
+            f"certificate: got y of shape {y.shape} and z of shape {z.shape}, "
+            f"expected {f.shape} and {b.shape}, the problem's rows of W and linear limits"
+        )
     unit = 1e-14 * (len(y) + len(z))
     e = A.T @ z - W.T @ y
     slop = unit * (np.abs(A.T) @ np.abs(z) + np.abs(W.T) @ np.abs(y))

@@ -123,6 +123,8 @@ def solve(
         settings = Settings(tol=tol)
         if out is not None:
             files.check_output(out)
+            if out.resolve() == file.resolve():
+                raise InvalidInputError(f"--out: got {out}, the file of grasps itself")
         grasps = _changed(files.read(file), changes, file)
         results: list[NamedSolution] = []
         with _progress_bar(len(grasps), "solving") as advance:
@@ -190,8 +192,11 @@ def _one_line_errors() -> Generator[None]:
         yield
     except BrokenPipeError:
         raise  # the reader of our output has had enough; Typer ends quietly
-    except (GraspForceError, OSError) as error:
+    except GraspForceError as error:
         typer.echo(f"graspforce: {error}", err=True)
+        raise typer.Exit(2) from error
+    except OSError as error:
+        typer.echo(f"graspforce: {error.filename}: cannot write it: {error.strerror}", err=True)
         raise typer.Exit(2) from error
 
 

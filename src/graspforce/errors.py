@@ -34,6 +34,11 @@ class MissingExtraError(GraspForceError, ImportError):
         super().__init__(
             f"{purpose} needs {package}, which is not installed: pip install 'graspforce[{extra}]'"
         )
+        self._given = (purpose, package, extra)
+
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str, str]]:
+        """Pickle by what it was made from."""
+        return (type(self), self._given)
 
 
 class SolveError(GraspForceError):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from graspforce._arrays import Array, as_array
-from graspforce.contact import Contact, ContactModel
+from graspforce.contact import Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError
 from graspforce.grasp_map import grasp_map
 from graspforce.problem import ForceProblem
@@ -48,7 +48,7 @@ class Grasp:
         if (hand is None) != (q is None):
             given, missing = ("q", "hand") if hand is None else ("hand", "q")
             raise InvalidInputError(f"{missing}: missing; {given} came without it")
-        self.contacts = tuple(contacts)
+        self.contacts = as_contacts(contacts)
         self.W = grasp_map(self.contacts, origin)
         self.models: tuple[ContactModel, ...] = tuple(each.model for each in self.contacts)
         self.J: Array | None = None

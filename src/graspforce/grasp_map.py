@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce._arrays import Array, as_array
-from graspforce.contact import FPC, SFC, Contact
-from graspforce.errors import InvalidInputError
+from graspforce.contact import FPC, SFC, Contact, as_contacts, cross
 
 
 def grasp_map(contacts: Sequence[Contact], origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
@@ -27,16 +26,12 @@ def grasp_map(contacts: Sequence[Contact], origin: ArrayLike = (0.0, 0.0, 0.0)) 
         InvalidInputError: no contacts, or something that is none.
     """
     about = as_array(origin, "origin", (3,))
-    if not contacts:
-        raise InvalidInputError("contacts: got none, expected at least one")
     columns: list[Array] = []
-    for index, contact in enumerate(contacts):
-        if not isinstance(contact, Contact):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InvalidInputError(f"contacts[{index}]: got {contact!r}, expected a Contact")
+    for contact in as_contacts(contacts):
         frame = contact.frame
         axes = frame[:, :1] if isinstance(contact.model, FPC) else frame
         arm = contact.point - about
-        columns.append(np.vstack((axes, np.cross(arm, axes, axis=0))))
+        columns += [np.concatenate((axis, cross(arm, axis))) for axis in axes.T]
         if isinstance(contact.model, SFC):
-            columns.append(np.vstack((np.zeros((3, 1)), frame[:, :1])))
-    return np.hstack(columns)
+            columns.append(np.concatenate((np.zeros(3), contact.normal)))
+    return np.column_stack(columns)

@@ -8,14 +8,15 @@ buffer, whose order :class:`Layout` fixes.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspforce._arrays import Array, as_array, as_positive, require
-from graspforce.contact import PCWF, SFC, ContactModel, as_models, contact_starts
+from graspforce._arrays import Array, as_array, as_positive, require, signless
+from graspforce.contact import FPC, PCWF, SFC, ContactModel, as_models, contact_starts
 from graspforce.errors import InvalidInputError
 
 # A contact whose engagement is no larger than this has left the grasp: its force is zero, and
@@ -173,22 +174,19 @@ class ForceProblem:
             "c_max" in values, "c_min" in values,
         )  # fmt: skip
         packed = np.concatenate([values[name].ravel() for name in layout.fields if name in values])
-        self._adopt(layout, each, packed)
+        self._adopt(layout, packed)
 
     @classmethod
-    def from_packed(
-        cls, layout: Layout, models: tuple[ContactModel, ...], packed: Array
-    ) -> ForceProblem:
+    def from_packed(cls, layout: Layout, packed: Array) -> ForceProblem:
         """Wrap numbers that were validated before (a tick of a Servo); no copy, no checks."""
         problem = cls.__new__(cls)
-        problem._adopt(layout, models, packed)
+        problem._adopt(layout, packed)
         return problem
 
-    def _adopt(self, layout: Layout, models: tuple[ContactModel, ...], packed: Array) -> None:
+    def _adopt(self, layout: Layout, packed: Array) -> None:
         packed.flags.writeable = False
         put = super().__setattr__
         put("layout", layout)
-        put("models", models)
         put("packed", packed)
         start = 0
         for name, shape in layout.fields.items():
@@ -196,6 +194,8 @@ class ForceProblem:
             view = packed[start : start + size].reshape(shape)
             put(name, float(view) if name == "alpha" else view)
             start += size
+        coefficients = zip(layout.dims, self.mu.tolist(), self.gamma.tolist(), strict=True)
+        put("models", tuple(_model(*each) for each in coefficients))
 
     def replace(self, **changes: Any) -> ForceProblem:
         """Return a new problem with some arguments changed, validated like any other.
@@ -218,10 +218,10 @@ class ForceProblem:
             "J": layout.joints > 0,
             "tau_lo": layout.joints > 0,
             "tau_hi": layout.joints > 0,
-            "tau_bias": layout.joints > 0,
+            "tau_bias": bool(self.tau_bias.any()),
             "c_max": layout.ceilings,
             "c_min": layout.floors,
-            "engagement": layout.ceilings,
+            "engagement": bool((self.engagement != 1).any()),
             "A": layout.inequalities > 0,
             "b": layout.inequalities > 0,
         }
@@ -291,21 +291,17 @@ class ForceProblem:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, ForceProblem):
             return NotImplemented
-        return self.models == other.models and self.layout == other.layout and np.array_equal(
-            self.packed, other.packed
-        )  # fmt: skip
+        return self.layout == other.layout and np.array_equal(self.packed, other.packed)
 
     def __hash__(self) -> int:
-        return hash((self.models, self.layout, self.packed.tobytes()))
+        return hash((self.layout, signless(self.packed)))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (ForceProblem.from_packed, (self.layout, self.models, np.array(self.packed)))
+        return (ForceProblem.from_packed, (self.layout, np.array(self.packed)))
 
     def __repr__(self) -> str:
-        counts = {kind: 0 for kind in ("FPC", "PCWF", "SFC")}
-        for model in self.models:
-            counts[type(model).__name__] += 1
-        contacts = " + ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+        counts = Counter(type(model).__name__ for model in self.models)
+        contacts = " + ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
         bounds = [f"{self.layout.joints} joints"] if self.layout.joints else []
         bounds += ["ceilings"] if self.layout.ceilings else []
         bounds += ["floors"] if self.layout.floors else []
@@ -316,6 +312,10 @@ class ForceProblem:
         )
 
 
+def _model(dim: int, mu: float, gamma: float) -> ContactModel:
+    return FPC() if dim == 1 else PCWF(mu) if dim == 3 else SFC(mu, gamma)
+
+
 def _models_for(models: ContactModel | Sequence[ContactModel], m: int) -> tuple[ContactModel, ...]:
     each = as_models(models)
     if isinstance(models, PCWF | SFC) or len(each) == 1:
@@ -323,7 +323,8 @@ def _models_for(models: ContactModel | Sequence[ContactModel], m: int) -> tuple[
     total = sum(model.dim for model in each)
     if total != m:
         raise InvalidInputError(
-            f"W: got {m} columns, expected {total}, the components of the {len(each)} contact models"
+            f"W: got {m} columns, expected {total}, the components "
+            f"of the {len(each)} contact models"
         )
     return each
 

@@ -28,21 +28,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from graspforce._arrays import Array
+from graspforce.certificate import Certificate, check_certificate
 from graspforce.contact import FPC, SFC, ContactModel, contact_starts
 from graspforce.outcome import PlainOutcome, Status
 from graspforce.problem import ForceProblem
 from graspforce.settings import Settings
 
+# Forces this many times their reach, with no minimum found, mean that nothing holds them.
+RUNAWAY = 1e6
+
 # ---- III-A  polyhedral barrier ----------------------------------------------------------------
 
 
 def slacks(x: Array, A: Array, b: Array) -> Array:
-    """r = b − A x of Eq. (5): positive inside the polyhedron Q."""
+    """Slacks r = b − A x of Eq. (5): positive inside the polyhedron Q."""
     return b - A @ x
 
 
@@ -68,7 +74,7 @@ def hess_phi_lin(x: Array, A: Array, b: Array) -> Array:
 def split(c: Array, models: Sequence[ContactModel]) -> list[Array]:
     """Eq. (8) read backwards: the stacked vector's contacts y_1 … y_n."""
     starts = contact_starts(models)
-    return [c[start:end] for start, end in zip(starts, starts[1:], strict=False)]
+    return [c[start:end] for start, end in pairwise(starts)]
 
 
 def R_mu(model: ContactModel) -> Array:
@@ -79,8 +85,8 @@ def R_mu(model: ContactModel) -> Array:
     """
     if isinstance(model, FPC):
         return np.diag([-1.0])
-    torsion = [(model.mu / model.gamma) ** 2] if isinstance(model, SFC) else []
-    return np.diag([-(model.mu**2), 1.0, 1.0, *torsion])
+    torsion = [model.mu / model.gamma] if isinstance(model, SFC) else []
+    return np.diag([-1.0, 1.0, 1.0, 1.0][: model.dim]) * np.square([model.mu, 1.0, 1.0, *torsion])
 
 
 def g(y: Array, model: ContactModel) -> Any:
@@ -221,6 +227,8 @@ def friction_margins(c: Array, models: Sequence[ContactModel]) -> Array:
 def decrement(c: Array, problem: ForceProblem) -> float:
     """Newton decrement at c of Phi / min(1, alpha) on {W c = f}; c strictly inside."""
     view = _View(problem)
+    if not view.models:
+        return 0.0
     _, N = particular_and_nullspace(view.W, problem.f)
     gradient, hessian = view.derivatives(c[view.kept])
     reduced = N.T @ gradient
@@ -324,10 +332,29 @@ def solve(problem: ForceProblem, settings: Settings, start: Array | None = None)
         settings: tolerance and step limit.
         start: contact forces to start from, shape (m,); they are projected onto W c = f.
     """
+    with np.errstate(all="ignore"):
+        try:
+            outcome = _solve(problem, settings, start)
+        except np.linalg.LinAlgError:
+            return _nothing(problem, Status.INVALID_NUMBERS)
+    if not (np.isfinite(outcome.c).all() and np.isfinite(outcome.nu).all()):
+        return _nothing(problem, Status.INVALID_NUMBERS)
+    return outcome
+
+
+def _nothing(problem: ForceProblem, status: Status) -> PlainOutcome:
+    return PlainOutcome(status, 0, np.zeros(problem.m), np.zeros(len(problem.f)))
+
+
+def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> PlainOutcome:
+    layout = problem.layout
+    if not (layout.joints or layout.ceilings or layout.inequalities):
+        return _nothing(problem, Status.UNBOUNDED)
+    if not problem.active.any():
+        if problem.f.any():
+            return _nothing(problem, Status.WRENCH_UNREACHABLE)
+        return replace(_nothing(problem, Status.SOLVED), decrement=0.0)
     view = _View(problem)
-    nothing = PlainOutcome(Status.UNBOUNDED, 0, np.zeros(problem.m), np.zeros(len(problem.f)))
-    if view.A.size == 0:
-        return nothing
     c_p, N = particular_and_nullspace(view.W, problem.f)
     off = float(np.abs(view.W @ c_p - problem.f).max())
     if off > 1e-9 * max(np.abs(problem.f).max(), (np.abs(view.W) @ np.abs(c_p)).max()):
@@ -351,6 +378,7 @@ def minimise(view: _View, N: Array, c: Array, settings: Settings, steps: int) ->
     is taken and judged by that bound, without a further factorisation.
     """
     status, bound = Status.MAX_STEPS, math.inf
+    runaway = RUNAWAY * (violation_scales(view.problem)[1] / view.problem.mu).max()
     gradient, hessian = view.derivatives(c)
     for _ in range(settings.max_steps):
         if N.shape[1] == 0:  # W c = f has one solution
@@ -368,6 +396,9 @@ def minimise(view: _View, N: Array, c: Array, settings: Settings, steps: int) ->
         gradient, hessian = view.derivatives(c)
         if bound**2 / 2 <= settings.tol:
             status = Status.SOLVED
+            break
+        if np.abs(c).max() > runaway:
+            status = Status.UNBOUNDED
             break
     alpha = view.problem.alpha
     nu = least_squares(view.W.T, gradient) * min(1.0, alpha)
@@ -388,9 +419,9 @@ def phase_1(view: _View, N: Array, c: Array, settings: Settings) -> PlainOutcome
     x = np.append(c, 1.2 * relaxed.least_sigma(c) + 0.1)
     basis = np.zeros((len(x), N.shape[1] + 1))
     basis[:-1, :-1], basis[-1, -1] = N, 1.0
-    kappa, proof, step = 10.0, None, 0
+    kappa, proof, step, status = 10.0, None, 0, Status.MAX_STEPS
     terms = len(view.b) + 2 * len(view.models)
-    for step in range(1, 10 * settings.max_steps + 1):
+    for step in range(1, settings.max_steps + 1):
         gradient, hessian = relaxed.derivatives(x)
         gradient[-1] += kappa
         d = basis @ newton_step(basis.T @ gradient, basis.T @ hessian @ basis)
@@ -415,9 +446,10 @@ def phase_1(view: _View, N: Array, c: Array, settings: Settings) -> PlainOutcome
                     Status.INFEASIBLE, step, view.spread(x[:-1]), y, violation=sigma, y=y, z=full
                 )
             if terms / kappa < 1e-13:
+                status = Status.STALLED
                 break
             kappa *= 10
-    return PlainOutcome(Status.STALLED, step, view.spread(x[:-1]), np.zeros(len(problem.f)))
+    return PlainOutcome(status, step, view.spread(x[:-1]), np.zeros(len(problem.f)))
 
 
 class _Relaxed:
@@ -475,4 +507,5 @@ class _Relaxed:
         y = least_squares(self.view.W.T, target)
         total = float(z @ -self.A[:, -1]) + abs(float(cone[-1]))
         y, z = y / total, z / total
-        return (y, z) if float(y @ self.view.problem.f - z @ self.b) > 0 else None
+        holds = check_certificate(self.view.problem, Certificate(y, z))
+        return (y, z) if holds else None

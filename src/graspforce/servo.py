@@ -34,7 +34,6 @@ class Servo:
     def __init__(self, problem: ForceProblem, settings: Settings | None = None) -> None:
         self._settings = settings or DEFAULT
         self._layout = problem.layout
-        self._models = problem.models
         self._backend = _engine.make_servo(problem, self._settings)
 
     def step(
@@ -69,7 +68,7 @@ class Servo:
                 f, W, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, A, b, alpha
             )
             if outcome is not None:
-                return Solution(outcome, (self._layout, self._models))
+                return Solution(outcome, self._layout)
         given: dict[str, Any] = {
             "f": f, "W": W, "J": J, "tau_lo": tau_lo, "tau_hi": tau_hi, "tau_bias": tau_bias,
             "c_max": c_max, "c_min": c_min, "engagement": engagement, "A": A, "b": b,
@@ -85,7 +84,6 @@ class Servo:
                 f"step: got {problem!r}, expected the shape that the Servo was made with "
                 f"({self.problem!r}); make a new Servo for another"
             )
-        self._models = problem.models
         return Solution(self._backend.step_problem(problem.packed), problem)
 
     def reset(self) -> None:
@@ -95,7 +93,7 @@ class Servo:
     @property
     def problem(self) -> ForceProblem:
         """The problem of the last tick, or the one given at construction."""
-        return ForceProblem.from_packed(self._layout, self._models, self._backend.packed)
+        return ForceProblem.from_packed(self._layout, self._backend.packed)
 
     @property
     def settings(self) -> Settings:

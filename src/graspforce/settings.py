@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Literal
 
 from graspforce._arrays import as_positive
@@ -30,8 +31,10 @@ class Settings:
     def __post_init__(self) -> None:
         if as_positive(self.tol, "tol") >= 1:
             raise InvalidInputError(f"tol: got {self.tol}, expected less than 1")
-        if self.max_steps < 1:
-            raise InvalidInputError(f"max_steps: got {self.max_steps}, expected at least 1")
+        if not isinstance(self.max_steps, Integral) or self.max_steps < 1:
+            raise InvalidInputError(
+                f"max_steps: got {self.max_steps!r}, expected a whole number of at least 1"
+            )
         if self.backend not in ("native", "reference"):
             raise InvalidInputError(
                 f"backend: got {self.backend!r}, expected 'native' or 'reference'"

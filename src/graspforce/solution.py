@@ -8,20 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias, cast
+from typing import Any, cast
 
 import numpy as np
 
 from graspforce import reference
-from graspforce._arrays import Array
+from graspforce._arrays import Array, signless
 from graspforce.certificate import Certificate
-from graspforce.contact import ContactModel
 from graspforce.errors import InfeasibleGraspError, NotConvergedError
 from graspforce.outcome import Outcome, PlainOutcome, Status, TickOutcome
 from graspforce.problem import ForceProblem, Layout
-
-# What a tick's snapshot needs to be read as a problem again.
-Shape: TypeAlias = tuple[Layout, tuple[ContactModel, ...]]
 
 # SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
 WRENCH_TOLERANCE = 1e-9
@@ -56,7 +52,7 @@ class Solution:
 
     __slots__ = ("_outcome", "_problem")
 
-    def __init__(self, outcome: Outcome, problem: ForceProblem | Shape) -> None:
+    def __init__(self, outcome: Outcome, problem: ForceProblem | Layout) -> None:
         self._outcome = outcome
         self._problem = problem
 
@@ -65,9 +61,8 @@ class Solution:
         """The problem that was solved; for a tick of a Servo, made from the tick's snapshot."""
         if isinstance(self._problem, ForceProblem):
             return self._problem
-        layout, models = self._problem
         packed = cast(TickOutcome, self._outcome).packed
-        self._problem = problem = ForceProblem.from_packed(layout, models, packed)
+        self._problem = problem = ForceProblem.from_packed(self._problem, packed)
         return problem
 
     # ---- the answer -----------------------------------------------------------------------
@@ -268,7 +263,7 @@ class Solution:
         )
 
     def __hash__(self) -> int:
-        return hash((self.status, self.c.tobytes()))
+        return hash((self.status, signless(self.c)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         raw = self._outcome

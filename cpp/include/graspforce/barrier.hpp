@@ -24,7 +24,7 @@ class Barrier {
   explicit Barrier(const Blocks& blocks)
       : blocks_(blocks), schur_(blocks.layout().wrench_rows), nu_(blocks.layout().wrench_rows) {}
 
-  // Makes the vectors that are kept by block; needed whenever Blocks::load says so.
+  // Makes the vectors that are kept by block; needed after Blocks::allot.
   void allot() {
     const std::size_t k = blocks_.layout().wrench_rows;
     std::size_t total = 0;

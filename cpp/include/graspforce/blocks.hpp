@@ -56,20 +56,38 @@ struct Part {
 
 class Blocks {
  public:
-  explicit Blocks(const Layout& layout)
-      : layout_(layout), structure_(layout), k_(layout.wrench_rows) {
+  explicit Blocks(const Layout& layout) : layout_(layout), k_(layout.wrench_rows) {
     rows_in_use_.resize(k_);
     f_.resize(k_);
   }
 
-  // Takes a problem's numbers. True when the blocks are others than before: whoever keeps vectors
-  // by block has to make them anew.
-  bool load(const Problem& p) {
-    const bool changed = !structure_.holds(p);
-    if (changed) {
-      structure_.find(p);
-      allot();
+  // Makes room for the blocks of a structure; needed whenever it has been found anew.
+  void allot(const Structure& structure) {
+    parts_.clear();
+    const std::size_t k = layout_.wrench_rows;
+    std::size_t total = 0;
+    for (const Block& block : structure.blocks())
+      total += block.components.size() * k + count_rows(block) * (block.components.size() + 3);
+    arena_.reset(total);
+    for (const Block& block : structure.blocks()) {
+      const std::size_t q = block.components.size(), rows = count_rows(block);
+      Part part{&block, int(q), int(rows), {}, nullptr, nullptr, nullptr, nullptr, nullptr};
+      int first = 0;
+      for (int contact : block.contacts) {
+        part.tips.push_back({contact, first, {structure.dim(contact), 1, 1}, 1, 1});
+        first += structure.dim(contact);
+      }
+      part.Wt = arena_.take(q * k);
+      part.a = arena_.take(rows * q);
+      part.lo = arena_.take(rows);
+      part.hi = arena_.take(rows);
+      part.scale = arena_.take(rows);
+      parts_.push_back(std::move(part));
     }
+  }
+
+  // Takes a problem's numbers.
+  void load(const Problem& p) {
     k_ = layout_.wrench_rows;
     for (int r = 0; r < k_; ++r) rows_in_use_[r] = r;
     std::copy(p.f, p.f + k_, f_.begin());
@@ -78,7 +96,6 @@ class Blocks {
       load_limits(p, part);
     }
     scale_violations();
-    return changed;
   }
 
   // Keeps only the given rows of W c = f: an independent set when W is rank-deficient.
@@ -117,30 +134,6 @@ class Blocks {
   }
 
  private:
-  void allot() {
-    parts_.clear();
-    const std::size_t k = layout_.wrench_rows;
-    std::size_t total = 0;
-    for (const Block& block : structure_.blocks())
-      total += block.components.size() * k + count_rows(block) * (block.components.size() + 3);
-    arena_.reset(total);
-    for (const Block& block : structure_.blocks()) {
-      const std::size_t q = block.components.size(), rows = count_rows(block);
-      Part part{&block, int(q), int(rows), {}, nullptr, nullptr, nullptr, nullptr, nullptr};
-      int first = 0;
-      for (int contact : block.contacts) {
-        part.tips.push_back({contact, first, {structure_.dim(contact), 1, 1}, 1, 1});
-        first += structure_.dim(contact);
-      }
-      part.Wt = arena_.take(q * k);
-      part.a = arena_.take(rows * q);
-      part.lo = arena_.take(rows);
-      part.hi = arena_.take(rows);
-      part.scale = arena_.take(rows);
-      parts_.push_back(std::move(part));
-    }
-  }
-
   std::size_t count_rows(const Block& block) const {
     const bool boxed = layout_.ceilings || layout_.floors;
     return block.joints.size() + block.inequalities.size() + (boxed ? block.contacts.size() : 0);
@@ -221,7 +214,6 @@ class Blocks {
   }
 
   const Layout& layout_;
-  Structure structure_;
   int k_;
   std::vector<int> rows_in_use_;
   std::vector<double> f_;
@@ -273,7 +265,8 @@ double relative_wrench_error(const Blocks& blocks, Forces forces) {
         size += std::abs(wrench);
       }
     }
-    worst = std::max(worst, std::abs(blocks.f()[r] - sum));
+    const double error = std::abs(blocks.f()[r] - sum);
+    if (!(error <= worst)) worst = error;  // NaN stays
     scale = std::max(scale, size);
   }
   return scale > 0 ? worst / scale : 0;

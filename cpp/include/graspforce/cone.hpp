@@ -38,8 +38,8 @@ inline double step_limit(const double* s, const double* d, int n) {
   // det(s + t d) = a t² + 2 b t + c with c > 0. Leaving the cone, or passing through its apex,
   // means that this vanishes: the limit is its smallest positive root.
   const double c = determinant(s, n), discriminant = b * b - a * c;
-  if (discriminant < 0) return kInfinity;
-  const double root = std::sqrt(discriminant);
+  // Below zero only by rounding: b² ≥ a c for s inside the cone, b² = a c with one component.
+  const double root = std::sqrt(std::max(0.0, discriminant));
   if (b < 0) return c / (root - b);            // right for a = 0 as well: c / (−2 b)
   return a < 0 ? (b + root) / -a : kInfinity;  // b ≥ 0: only a downward parabola comes back
 }
@@ -75,7 +75,7 @@ struct Cone {
 
   // mu n − ‖w t‖: positive inside.
   double margin(const double* y) const {
-    double s[4];
+    double s[4] = {};
     lift(y, s);
     return s[0] - lorentz::radius(s, dim);
   }
@@ -84,7 +84,7 @@ struct Cone {
   // (Eq. 13), times `scale`; the Hessian's rows are `stride` apart. False outside the cone.
   bool add_derivatives(const double* y, double scale, double* gradient, double* hessian,
                        int stride) const {
-    double s[4], first[4];
+    double s[4] = {}, first[4];
     lift(y, s);
     const double r = lorentz::radius(s, dim), det = (s[0] - r) * (s[0] + r);
     if (!(s[0] > r)) return false;
@@ -103,7 +103,7 @@ struct Cone {
   }
 
   double step_limit(const double* y, const double* d) const {
-    double s[4], ds[4];
+    double s[4] = {}, ds[4] = {};
     lift(y, s);
     lift(d, ds);
     return lorentz::step_limit(s, ds, dim);

@@ -8,6 +8,8 @@
 #include <cmath>
 #include <vector>
 
+#include "graspforce/barrier.hpp"
+#include "graspforce/lane_barrier.hpp"
 #include "graspforce/newton.hpp"
 #include "graspforce/primal_dual.hpp"
 #include "graspforce/rank.hpp"
@@ -35,6 +37,9 @@ class Engine {
  public:
   explicit Engine(const Layout& layout)
       : layout_(layout),
+        offsets_(layout),
+        structure_(layout_),
+        lanes_(layout_),
         blocks_(layout_),
         barrier_(blocks_),
         primal_dual_(blocks_),
@@ -61,26 +66,31 @@ class Engine {
 
   // Solves from `start` (m forces) where it is inside the limits, else from nothing.
   Result solve(const double* packed, double tol, int max_steps, const double* start = nullptr) {
-    const Problem problem(layout_, packed);
-    Result result;
-    if (!prepare(problem, result)) return result;
-    double lambda = kInfinity;
-    if (start != nullptr) {
-      barrier_.set_forces(start);
-      lambda = first_step(problem);
-    }
-    return run(problem, lambda, tol, max_steps);
+    const Problem problem(offsets_, packed);
+    return in_core(problem, kChangedAll, [&](auto& barrier, unsigned) {
+      double lambda = kInfinity;
+      if (start != nullptr) {
+        barrier.set_forces(start);
+        lambda = first_step(barrier, problem);
+      }
+      return run(barrier, problem, lambda, tol, max_steps);
+    });
   }
 
-  // Solves the next problem of a stream, from the optima before it.
-  Result tick(const double* packed, double tol, int max_steps) {
-    const Problem problem(layout_, packed);
-    Result result;
-    if (prepare(problem, result)) {
-      for (int i = 0; i < layout_.contacts(); ++i)
-        ceiling_[i] = layout_.ceilings ? problem.engagement[i] * problem.c_max[i] : 1;
-      result = run(problem, predict(problem), tol, max_steps);
-    }
+  // Solves the next problem of a stream, from the optima before it. `changed` tells what differs
+  // from the tick before.
+  Result tick(const double* packed, double tol, int max_steps, unsigned changed = kChangedAll) {
+    const Problem problem(offsets_, packed);
+    const Result result = in_core(problem, changed, [&](auto& barrier, unsigned news) {
+      if (news & kChangedRest) {
+        for (int i = 0; i < layout_.contacts(); ++i)
+          ceiling_[i] = layout_.ceilings ? problem.engagement[i] * problem.c_max[i] : 1;
+        steady_ = 0;
+      } else {
+        ++steady_;
+      }
+      return run(barrier, problem, predict(barrier, problem), tol, max_steps);
+    });
     if (result.status == Status::Solved)
       remember(problem);
     else
@@ -92,7 +102,7 @@ class Engine {
 
  private:
   // Forces this many times their reach, with no minimum found, mean that nothing holds them.
-  static constexpr double kRunaway = 1e9;
+  static constexpr double kRunaway = 1e6;
   // Pivot of the k × k system below which W may have dependent rows.
   static constexpr double kSuspectPivot = 1e-10;
   // Decrement at an extrapolated start above which the last optimum is looked at as well.
@@ -102,64 +112,108 @@ class Engine {
     std::vector<double> c, ceiling;
   };
 
-  // Loads the problem; false with the result's status set when there is nothing to iterate on.
-  bool prepare(const Problem& problem, Result& result) {
-    std::fill(c_.begin(), c_.end(), 0.0);
-    std::fill(nu_.begin(), nu_.end(), 0.0);
-    if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0) {
-      result.status = Status::Unbounded;
-      return false;
-    }
-    if (blocks_.load(problem)) {
+  // Loads the problem and hands it to the kernels that fit it, with what is new to them.
+  template <class Work>
+  Result in_core(const Problem& problem, unsigned changed, Work work) {
+    if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0)
+      return nothing(Status::Unbounded);
+    if (!structure_.holds(problem, changed)) {
+      structure_.find(problem);
+      blocks_.allot(structure_);
       barrier_.allot();
       primal_dual_.allot();
+      by_lanes_ = lanes_.allot(structure_);
+      changed = kChangedAll;
     }
-    barrier_.set_weights(*problem.alpha);
     rank_known_ = unreachable_ = false;
-    if (was_deficient_) examine(problem);
+    Result result;
+    if (structure_.blocks().empty()) {  // every contact is out of the grasp
+      const bool idle =
+          std::all_of(problem.f, problem.f + layout_.wrench_rows, [](double f) { return f == 0; });
+      result = nothing(idle ? Status::Solved : Status::WrenchUnreachable);
+      result.decrement = idle ? 0 : kInfinity;
+      return result;
+    }
+    if (by_lanes_) {
+      lanes_.load(problem, changed);
+      if (was_deficient_) examine(lanes_, problem);
+      result = work(lanes_, changed);
+    } else {
+      blocks_.load(problem);
+      barrier_.set_weights(*problem.alpha);
+      if (was_deficient_) examine(blocks_, problem);
+      result = work(barrier_, changed);
+    }
+    if (result.status != Status::Solved && !finite()) return nothing(Status::InvalidNumbers);
+    return result;
+  }
+
+  bool finite() const {
+    for (double c : c_)
+      if (!std::isfinite(c)) return false;
+    for (double nu : nu_)
+      if (!std::isfinite(nu)) return false;
     return true;
   }
 
-  // Reduces W c = f to independent rows where it has others.
-  void examine(const Problem& problem) {
-    const Rank rank = examine_rank(layout_, problem);
-    rank_known_ = true;
-    unreachable_ = !rank.reachable;
-    was_deficient_ = static_cast<int>(rank.rows.size()) < layout_.wrench_rows;
-    if (was_deficient_) blocks_.restrict_rows(problem, rank.rows);
+  Result nothing(Status status) {
+    std::fill(c_.begin(), c_.end(), 0.0);
+    std::fill(nu_.begin(), nu_.end(), 0.0);
+    Result result;
+    result.status = status;
+    return result;
   }
 
+  // Reduces W c = f to independent rows where it has others.
+  template <class Rows>
+  void examine(Rows& rows, const Problem& problem) {
+    rank_ = examine_rank(layout_, problem);
+    rank_known_ = true;
+    unreachable_ = !rank_.reachable;
+    was_deficient_ = static_cast<int>(rank_.rows.size()) < layout_.wrench_rows;
+    if (was_deficient_) rows.restrict_rows(problem, rank_.rows);
+  }
+  void examine(Barrier&, const Problem& problem) { examine(blocks_, problem); }
+
   // Decrement of the Newton step from the barrier's point; infinite outside the limits.
-  double first_step(const Problem& problem) {
-    if (!barrier_.evaluate()) return kInfinity;
-    const double lambda = barrier_.newton();
-    if (rank_known_ || !(barrier_.smallest_pivot() < kSuspectPivot)) return lambda;
-    examine(problem);
-    return first_step(problem);
+  template <class AnyBarrier>
+  double first_step(AnyBarrier& barrier, const Problem& problem) {
+    if (!barrier.evaluate()) return kInfinity;
+    const double lambda = barrier.newton();
+    if (rank_known_ || !(barrier.smallest_pivot() < kSuspectPivot)) return lambda;
+    examine(barrier, problem);
+    return first_step(barrier, problem);
   }
 
   // Puts the barrier at the extrapolation of the last two optima, or at the last one where that
   // promises a shorter step (the wanted wrench may be noisy); returns the step's decrement.
-  double predict(const Problem& problem) {
+  template <class AnyBarrier>
+  double predict(AnyBarrier& barrier, const Problem& problem) {
     double ahead = kInfinity;
     if (known_ == 2) {
-      extrapolate(problem, 2);
-      ahead = first_step(problem);
+      extrapolate(barrier, problem, 2);
+      ahead = first_step(barrier, problem);
       if (ahead < kPromising) return ahead;
     }
     if (known_ == 0) return kInfinity;
-    extrapolate(problem, 1);
-    const double hold = first_step(problem);
+    extrapolate(barrier, problem, 1);
+    const double hold = first_step(barrier, problem);
     if (hold <= ahead) return hold;
-    extrapolate(problem, 2);
-    return first_step(problem);
+    extrapolate(barrier, problem, 2);
+    return first_step(barrier, problem);
   }
 
   // Forces extrapolated from the last `order` optima. A contact's forces are taken as shares of
   // its ceiling, so that they follow it to zero and back; a contact that has just come into the
   // grasp starts with a push.
-  void extrapolate(const Problem& problem, int order) {
+  template <class AnyBarrier>
+  void extrapolate(AnyBarrier& barrier, const Problem& problem, int order) {
     const Past &last = past_[newest_], &before = past_[1 - newest_];
+    if (steady_ >= 2 && order == 2) {  // the ceilings are those of the last two ticks
+      for (std::size_t c = 0; c < guess_.size(); ++c) guess_[c] = 2 * last.c[c] - before.c[c];
+      barrier.set_forces(guess_.data());
+      return;
+    }
     for (int i = 0, c = 0; i < layout_.contacts(); ++i) {
       const int end = c + static_cast<int>(layout_.models[i]);
       const double now = ceiling_[i];
@@ -175,7 +229,7 @@ class Engine {
           guess_[c] = 2 * to_last * last.c[c] - to_before * before.c[c];
       }
     }
-    barrier_.set_forces(guess_.data());
+    barrier.set_forces(guess_.data());
   }
 
   // Share of its reach with which a contact starts that nothing is known of; the more the limits
@@ -184,21 +238,27 @@ class Engine {
 
   // Newton's method where the barrier stands (at a step of decrement lambda), else from pure
   // pushes, else the primal–dual method: from certain progress to certain verdicts.
-  Result run(const Problem& problem, double lambda, double tol, int max_steps) {
+  template <class AnyBarrier>
+  Result run(AnyBarrier& barrier, const Problem& problem, double lambda, double tol,
+             int max_steps) {
     Result result;
-    if (lambda < kInfinity && newton(lambda, tol, max_steps, false, result)) return result;
+    if (unreachable_) return nothing(Status::WrenchUnreachable);
+    if (lambda < kInfinity && newton(barrier, lambda, tol, max_steps, false, result)) return result;
     if (!unreachable_) {
-      barrier_.set_pushes(push(problem));
-      lambda = first_step(problem);
-      if (lambda < kInfinity && !unreachable_ && newton(lambda, tol, max_steps, false, result))
+      barrier.set_pushes(push(problem));
+      lambda = first_step(barrier, problem);
+      if (lambda < kInfinity && !unreachable_ &&
+          newton(barrier, lambda, tol, max_steps, false, result))
         return result;
     }
-    if (!rank_known_) examine(problem);
-    if (unreachable_) {
-      result.status = Status::WrenchUnreachable;
-      return result;
-    }
+    if (!rank_known_) examine(barrier, problem);
+    if (unreachable_) return nothing(Status::WrenchUnreachable);
+    std::fill(nu_.begin(), nu_.end(), 0.0);
 
+    if (by_lanes_) {  // the primal–dual method works on the general blocks
+      blocks_.load(problem);
+      if (was_deficient_) blocks_.restrict_rows(problem, rank_.rows);
+    }
     const PhaseOneResult phase = primal_dual_.find_inside(problem, max_steps, y_, z_);
     result.newton_steps += phase.steps;
     result.violation = phase.violation;
@@ -213,19 +273,21 @@ class Engine {
     }
     result.violation = 0;
     result.newton_steps +=
-        primal_dual_.follow(barrier_.cone_weight(), barrier_.limit_weight(), max_steps);
+        primal_dual_.follow(barrier.cone_weight(), barrier.limit_weight(), max_steps);
     primal_dual_.get_forces(c_.data());
-    barrier_.set_forces(c_.data());
-    newton(first_step(problem), tol, max_steps, true, result);
-    if (barrier_.largest_force() > kRunaway * blocks_.largest_reach() &&
+    barrier.set_forces(c_.data());
+    newton(barrier, first_step(barrier, problem), tol, max_steps, true, result);
+    if (barrier.largest_force() > kRunaway * blocks_.largest_reach() &&
         result.status != Status::Solved)
       result.status = Status::Unbounded;
     return result;
   }
 
   // Newton's method from the barrier's point; true when it certifies an answer.
-  bool newton(double lambda, double tol, int max_steps, bool balanced, Result& result) {
-    const Newton newton = minimise(barrier_, lambda, tol, max_steps, balanced);
+  template <class AnyBarrier>
+  bool newton(AnyBarrier& barrier, double lambda, double tol, int max_steps, bool balanced,
+              Result& result) {
+    const Newton newton = minimise(barrier, lambda, tol, max_steps, balanced);
     result.newton_steps += newton.steps;
     using End = Newton::End;
     result.status = newton.end == End::Certified  ? Status::Solved
@@ -234,8 +296,8 @@ class Engine {
                                                   : Status::Stalled;
     if (!balanced && result.status != Status::Solved) return false;
     result.decrement = newton.bound;
-    barrier_.get_forces(c_.data());
-    barrier_.get_multipliers(nu_.data());
+    barrier.get_forces(c_.data());
+    barrier.get_multipliers(nu_.data());
     return result.status == Status::Solved;
   }
 
@@ -248,13 +310,18 @@ class Engine {
   }
 
   Layout layout_;
-  Blocks blocks_;
+  Offsets offsets_;
+  Structure structure_;
+  LaneBarrier lanes_;  // for grasps without coupled contacts
+  Blocks blocks_;      // for all others, and for the primal–dual method
   Barrier barrier_;
   PrimalDual primal_dual_;
   std::vector<double> c_, nu_, y_, z_, guess_, ceiling_;
   Past past_[2];
   int newest_ = 0, known_ = 0;
-  bool rank_known_ = false, was_deficient_ = false, unreachable_ = false;
+  int steady_ = 0;  // ticks since the ceilings may last have changed
+  Rank rank_;
+  bool by_lanes_ = false, rank_known_ = false, was_deficient_ = false, unreachable_ = false;
 };
 
 }  // namespace graspforce

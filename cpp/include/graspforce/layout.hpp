@@ -31,6 +31,14 @@ struct Layout {
   }
 };
 
+// What may have changed since a problem's numbers were last loaded; f always counts as changed.
+enum Changed : unsigned {
+  kChangedMap = 1,       // W
+  kChangedJacobian = 2,  // J
+  kChangedRest = 4,      // anything else
+  kChangedAll = 7,
+};
+
 // Rows of ForceProblem.linear_limits() before any are left out: torques above and below, ceilings,
 // floors, inequalities.
 inline int limit_count(const Layout& layout) {
@@ -38,37 +46,52 @@ inline int limit_count(const Layout& layout) {
          layout.contacts() * (int(layout.ceilings) + int(layout.floors));
 }
 
+// Where the fields start in the buffer; W is the first. `size` is the whole, in doubles.
+struct Offsets {
+  std::size_t f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, A, b, mu, gamma, alpha,
+      size;
+
+  explicit Offsets(const Layout& layout) {
+    const std::size_t k = layout.wrench_rows, n = layout.contacts(), m = layout.components();
+    const std::size_t joints = layout.joints, rows = layout.inequalities;
+    f = k * m;
+    J = f + k;
+    tau_lo = J + m * joints;
+    tau_hi = tau_lo + joints;
+    tau_bias = tau_hi + joints;
+    c_max = tau_bias + joints;
+    c_min = c_max + (layout.ceilings ? n : 0);
+    engagement = c_min + (layout.floors ? n : 0);
+    A = engagement + n;
+    b = A + rows * m;
+    mu = b + rows;
+    gamma = mu + n;
+    alpha = gamma + n;
+    size = alpha + 1;
+  }
+};
+
 // Read access to a packed problem: pointers to its fields, row-major.
 struct Problem {
   const double *W, *f, *J, *tau_lo, *tau_hi, *tau_bias, *c_max, *c_min, *engagement, *A, *b, *mu,
       *gamma, *alpha;
-  std::size_t size;  // doubles in the buffer
 
-  Problem(const Layout& layout, const double* packed) {
-    const std::size_t k = layout.wrench_rows, n = layout.contacts(), m = layout.components();
-    const std::size_t joints = layout.joints, rows = layout.inequalities;
-    const double* next = packed;
-    auto field = [&next](std::size_t count) {
-      const double* here = next;
-      next += count;
-      return here;
-    };
-    W = field(k * m);
-    f = field(k);
-    J = field(m * joints);
-    tau_lo = field(joints);
-    tau_hi = field(joints);
-    tau_bias = field(joints);
-    c_max = field(layout.ceilings ? n : 0);
-    c_min = field(layout.floors ? n : 0);
-    engagement = field(n);
-    A = field(rows * m);
-    b = field(rows);
-    mu = field(n);
-    gamma = field(n);
-    alpha = field(1);
-    size = static_cast<std::size_t>(next - packed);
-  }
+  Problem(const Layout& layout, const double* packed) : Problem(Offsets(layout), packed) {}
+  Problem(const Offsets& at, const double* packed)
+      : W(packed),
+        f(packed + at.f),
+        J(packed + at.J),
+        tau_lo(packed + at.tau_lo),
+        tau_hi(packed + at.tau_hi),
+        tau_bias(packed + at.tau_bias),
+        c_max(packed + at.c_max),
+        c_min(packed + at.c_min),
+        engagement(packed + at.engagement),
+        A(packed + at.A),
+        b(packed + at.b),
+        mu(packed + at.mu),
+        gamma(packed + at.gamma),
+        alpha(packed + at.alpha) {}
 
   bool in_grasp(int contact) const { return engagement[contact] > kRemovalThreshold; }
 };

@@ -3,8 +3,8 @@
 
 #include <cmath>
 
-#include "graspforce/barrier.hpp"
 #include "graspforce/certificate.hpp"
+#include "graspforce/cone.hpp"
 
 namespace graspforce {
 
@@ -40,7 +40,8 @@ inline constexpr int kPatience = 12, kTerm = 25;
 // goes up to nine tenths of the way to the boundary. A whole step restores W c = f, and from then
 // on no step may overshoot the minimum along its direction by much: the slope behind it tells,
 // without a single logarithm, and 1/(1 + λ) is a length that never does.
-inline Newton minimise(Barrier& barrier, double lambda, double tol, int max_steps, bool balanced) {
+template <class Barrier>
+Newton minimise(Barrier& barrier, double lambda, double tol, int max_steps, bool balanced) {
   Newton result;
   for (;;) {
     ++result.steps;

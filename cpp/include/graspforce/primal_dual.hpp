@@ -45,7 +45,7 @@ class PrimalDual {
         center_(nu_),
         bend_(nu_) {}
 
-  // Makes the vectors that are kept by block; needed whenever Blocks::load says so.
+  // Makes the vectors that are kept by block; needed after Blocks::allot.
   void allot() {
     const std::size_t k = blocks_.layout().wrench_rows;
     std::size_t total = 0;
@@ -110,22 +110,29 @@ class PrimalDual {
     return result;
   }
 
-  // Follows the weights of Phi from the point that find_inside reached; the number of steps.
+  // Leads from the point that find_inside reached to the minimum of Phi; the number of steps. It
+  // sets out with all weights equal, as the point was found, and lets the lighter ones down to
+  // their own as fast as the steps allow: a target far off centre would only be crept to.
   int follow(double cone_weight, double limit_weight, int max_steps) {
     sigma_ = dsigma_ = 0;
     relaxed_ = false;
-    cone_weight_ = cone_weight;
-    limit_weight_ = limit_weight;
+    cone_weight_ = limit_weight_ = std::max(cone_weight, limit_weight);
     update_slacks();
     aim_at_center(1);
-    for (int steps = 1; steps <= max_steps; ++steps) {
+    bool feasible = false;  // y and z balance: true for good after a whole step
+    for (int steps = 0; steps < max_steps; ++steps) {
+      const bool there = cone_weight_ == cone_weight && limit_weight_ == limit_weight;
+      if (there && feasible && distance_to_target() < kClose) return steps;
       evaluate();
       factor();
       direction(1);
-      const double off = distance_to_target(), step = std::min(1.0, 0.99 * step_limit());
-      if (!(step > kLeastStep)) return steps;
+      const double step = std::min(1.0, 0.99 * step_limit());
+      if (!(step > kLeastStep)) return steps + 1;
       advance(step);
-      if (step == 1 && off < kClose) return steps;
+      feasible = feasible || step == 1;
+      const double descent = step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
+      cone_weight_ = std::max(cone_weight, descent * cone_weight_);
+      limit_weight_ = std::max(limit_weight, descent * limit_weight_);
     }
     return max_steps;
   }
@@ -143,7 +150,8 @@ class PrimalDual {
   static constexpr double kLeast = 1e-6;  // relative accuracy of the least violation
   static constexpr double kClosest = 1e-13;
   static constexpr double kLeastStep = 1e-6;
-  static constexpr double kClose = 1e-2;  // squared distance to the target for Newton to take over
+  static constexpr double kDescent = 0.1;  // of a weight on its way down, after a good step
+  static constexpr double kClose = 1e-2;   // squared distance to the target for Newton to take over
 
   struct Side {  // one side of a row: slack, multiplier, their steps
     double s = 0, z = 0, ds = 0, dz = 0;

@@ -5,6 +5,7 @@
 // those rows or out of reach for these contacts, whatever their forces.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -27,13 +28,14 @@ inline Rank examine_rank(const Layout& layout, const Problem& p) {
   std::vector<double> Q(static_cast<std::size_t>(k) * m), f(p.f, p.f + k), size(k), length(k, 1);
   std::vector<bool> used(k, false);
   for (int r = 0; r < k; ++r) {
-    double sum = 0;
+    double sum = 0, largest = 0;
     for (int i = 0, c = 0; i < layout.contacts(); ++i)
       for (int d = 0; d < static_cast<int>(layout.models[i]); ++d, ++c) {
         Q[r * m + c] = p.in_grasp(i) ? p.W[r * m + c] : 0;
-        sum += Q[r * m + c] * Q[r * m + c];
+        largest = std::max(largest, std::abs(Q[r * m + c]));
       }
-    length[r] = sum > 0 ? std::sqrt(sum) : 1;
+    for (int c = 0; c < m && largest > 0; ++c) sum += std::pow(Q[r * m + c] / largest, 2);
+    length[r] = sum > 0 ? largest * std::sqrt(sum) : 1;
     for (int c = 0; c < m; ++c) Q[r * m + c] /= length[r];
     f[r] /= length[r];
     size[r] = std::abs(f[r]);

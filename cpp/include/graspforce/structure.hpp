@@ -5,6 +5,8 @@
 // is one block, the dense method of the paper.
 #pragma once
 
+#include <cstdint>
+#include <cstring>
 #include <numeric>
 #include <vector>
 
@@ -35,6 +37,8 @@ class Structure {
     block_of_contact_.assign(n, kNone);
     block_of_joint_.assign(layout.joints, kNone);
     block_of_inequality_.assign(layout.inequalities, kNone);
+    outside_J_.resize(static_cast<std::size_t>(m) * layout.joints);
+    outside_A_.resize(static_cast<std::size_t>(m) * layout.inequalities);
   }
 
   int start(int contact) const { return start_[contact]; }
@@ -42,26 +46,16 @@ class Structure {
   const std::vector<Block>& blocks() const { return blocks_; }
 
   // True when this structure still holds: no entry of J or A outside the blocks, the same
-  // contacts in the grasp.
-  bool holds(const Problem& p) const {
-    const int n = layout_.contacts(), m = layout_.components();
-    for (int i = 0; i < n; ++i)
-      if (p.in_grasp(i) != (block_of_contact_[i] != kNone)) return false;
-    bool outside = blocks_.empty();
-    for (int row = 0; row < m; ++row) {
-      const int block = block_of_contact_[contact_of_[row]];
-      const double* entry = p.J + static_cast<std::size_t>(row) * layout_.joints;
-      for (int j = 0; j < layout_.joints; ++j)
-        outside |= (block_of_joint_[j] != block) & (entry[j] != 0) & (block != kNone);
+  // contacts in the grasp. Only what has changed is looked at.
+  bool holds(const Problem& p, unsigned changed = kChangedAll) const {
+    if (blocks_.empty()) return false;
+    if (changed & kChangedRest) {
+      for (int i = 0; i < layout_.contacts(); ++i)
+        if (p.in_grasp(i) != (block_of_contact_[i] != kNone)) return false;
+      if (any_under(outside_A_, p.A)) return false;
     }
-    for (int r = 0; r < layout_.inequalities; ++r) {
-      const double* entry = p.A + static_cast<std::size_t>(r) * m;
-      for (int column = 0; column < m; ++column) {
-        const int block = block_of_contact_[contact_of_[column]];
-        outside |= (block_of_inequality_[r] != block) & (entry[column] != 0) & (block != kNone);
-      }
-    }
-    return !outside;
+    if (changed & kChangedJacobian && any_under(outside_J_, p.J)) return false;
+    return all_in_grasp_ || same_limits_count(p);
   }
 
   void find(const Problem& p) {
@@ -82,7 +76,9 @@ class Structure {
           unite(p, [&](int component) { return touches_inequality(component, r); });
 
     blocks_.clear();
+    all_in_grasp_ = true;
     for (int i = 0; i < n; ++i) {
+      all_in_grasp_ &= p.in_grasp(i);
       block_of_contact_[i] = kNone;
       if (!p.in_grasp(i)) continue;
       const int root = find_root(i);
@@ -95,11 +91,66 @@ class Structure {
     }
     assign(first_of_joint, block_of_joint_, &Block::joints);
     assign(first_of_inequality, block_of_inequality_, &Block::inequalities);
+    for (int component = 0; component < m; ++component) {
+      const int block = block_of_contact_[contact_of_[component]];
+      auto outside = [block](int other) {
+        return block != kNone && other != block ? kMagnitude : 0;
+      };
+      for (int j = 0; j < layout_.joints; ++j)
+        outside_J_[component * layout_.joints + j] = outside(block_of_joint_[j]);
+      for (int r = 0; r < layout_.inequalities; ++r)
+        outside_A_[r * m + component] = outside(block_of_inequality_[r]);
+    }
   }
 
  private:
   static constexpr int kNone = -1;
   static constexpr int kNoContact = -2;  // touches nothing, in the grasp or out of it
+
+  static constexpr std::uint64_t kMagnitude = ~std::uint64_t{0} >> 1;  // all bits but the sign
+
+  // With a contact out of the grasp: whether the limits that touch no other are still the same.
+  bool same_limits_count(const Problem& p) const {
+    const int m = layout_.components();
+    auto same = [&](int block, auto entry) {
+      bool inside = false, outside = false;
+      for (int c = 0; c < m; ++c)
+        if (entry(c) != 0) (p.in_grasp(contact_of_[c]) ? inside : outside) = true;
+      return (block != kNone) == (inside || !outside);
+    };
+    for (int j = 0; j < layout_.joints; ++j)
+      if (!same(block_of_joint_[j], [&](int c) { return p.J[c * layout_.joints + j]; }))
+        return false;
+    for (int r = 0; r < layout_.inequalities; ++r)
+      if (!same(block_of_inequality_[r], [&](int c) { return p.A[r * m + c]; })) return false;
+    return true;
+  }
+
+  // Whether any entry under the mask differs from zero.
+  static bool any_under(const std::vector<std::uint64_t>& mask, const double* entries) {
+    typedef std::uint64_t Bits __attribute__((vector_size(32)));
+    const std::size_t count = mask.size();
+    std::size_t i = 0;
+    Bits four = {};
+    auto look = [&](std::size_t at) {
+      Bits bits, wanted;
+      std::memcpy(&bits, entries + at, sizeof bits);
+      std::memcpy(&wanted, mask.data() + at, sizeof wanted);
+      four |= bits & wanted;
+    };
+    for (; i + 12 <= count; i += 12) {
+      look(i);
+      look(i + 4);
+      look(i + 8);
+    }
+    std::uint64_t found = four[0] | four[1] | four[2] | four[3];
+    for (; i < count; ++i) {
+      std::uint64_t bits;
+      std::memcpy(&bits, entries + i, sizeof bits);
+      found |= bits & mask[i];
+    }
+    return found != 0;
+  }
 
   // Joins all contacts in the grasp that a limit touches; returns the first of them.
   template <class Touches>
@@ -137,6 +188,8 @@ class Structure {
   std::vector<int> start_, contact_of_, parent_;
   std::vector<int> block_of_contact_, block_of_joint_, block_of_inequality_;
   std::vector<Block> blocks_;
+  bool all_in_grasp_ = true;
+  std::vector<std::uint64_t> outside_J_, outside_A_;  // masks of entries that have to be zero
 };
 
 }  // namespace graspforce

@@ -1,0 +1,34 @@
+"""Files: grasps in, results out.
+
+:func:`read` turns a JSON or NPZ file into named force problems, :func:`write` puts their
+solutions into a JSON, NPZ or CSV file. ``docs/file_formats.md`` describes every key; the JSON
+Schema of the input is part of the package (:func:`schema`).
+
+>>> from graspforce import files, solve
+>>> grasps = files.read("examples/nose_cone.json")
+>>> results = [files.NamedSolution(name, solve(problem)) for name, problem in grasps]
+>>> files.write("nose_cone.csv", results)
+
+A file with anything wrong in it is refused as a whole, by an InvalidInputError that names the
+file, the place in it, what came and what was expected. Nothing is ever unpickled.
+"""
+
+from __future__ import annotations
+
+from graspforce.files.atomic import replacing
+from graspforce.files.json_grasps import schema
+from graspforce.files.named import NamedProblem, NamedSolution
+from graspforce.files.npz_grasps import unused_keys
+from graspforce.files.reading import read
+from graspforce.files.writing import check_output, write
+
+__all__ = [
+    "NamedProblem",
+    "NamedSolution",
+    "check_output",
+    "read",
+    "replacing",
+    "schema",
+    "unused_keys",
+    "write",
+]

@@ -1,0 +1,146 @@
+"""Grasps from NPZ: stacked arrays, one grasp an entry, point contacts with friction.
+
+Meant for many grasps of one hand. Data sets carry more than the problems themselves, so keys
+that are not part of the format are left alone; :func:`unused_keys` lists them.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from numpy.lib.npyio import NpzFile
+
+from graspforce._arrays import as_array, require
+from graspforce.contact import PCWF
+from graspforce.errors import InvalidInputError
+from graspforce.files.named import NamedProblem, default_name, place
+from graspforce.problem import ForceProblem
+
+# Each must be a stack; the value is the shape of one entry, as an error text says it.
+_STACKS = {"W": "k, m", "f": "k", "J": "m, n_joints", "A": "p, m", "b": "p"}
+# Each may be a number for all, a number a grasp (B,), or a stack (B, n) or (B, n_joints).
+_PER_GRASP = (
+    "mu", "tau_limit", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement", "alpha",
+)  # fmt: skip
+# Either gives the names; the first that is there.
+_NAMES = ("names", "object")
+_KEYS = (*_STACKS, *_PER_GRASP, *_NAMES)
+
+
+def read_npz(file: BinaryIO, stem: str) -> list[NamedProblem]:
+    """Return the grasps of an NPZ archive.
+
+    Args:
+        file: the archive.
+        stem: what to call a grasp without a name.
+
+    Raises:
+        InvalidInputError: no archive, missing or ill-shaped arrays, or a problem that is
+            refused; the text names the key or the grasp.
+    """
+    arrays = _load(file)
+    for key in ("W", "f", "mu"):
+        if key not in arrays:
+            raise InvalidInputError(
+                f"{key}: missing; expected at least W (B, k, m), f (B, k) and mu"
+            )
+    if "tau_limit" in arrays and ("tau_lo" in arrays or "tau_hi" in arrays):
+        raise InvalidInputError("tau_limit: given beside tau_lo or tau_hi, expected one or other")
+    count = _count(arrays)
+    names = _names(arrays, stem, count)
+    problems: list[NamedProblem] = []
+    for index, name in enumerate(names):
+        own = {
+            key: array if array.ndim == 0 else array[index]
+            for key, array in arrays.items()
+            if key not in _NAMES
+        }
+        with place(f"grasp {index} {name!r}"):
+            problems.append(NamedProblem(name, _problem(own)))
+    return problems
+
+
+def unused_keys(path: str | Path) -> list[str]:
+    """Return the keys of an NPZ file that :func:`read` leaves alone; none for a JSON file.
+
+    Raises:
+        InvalidInputError: the file is no NPZ archive.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".npz":
+        return []
+    try:
+        with zipfile.ZipFile(path) as archive:
+            keys = [name.removesuffix(".npy") for name in archive.namelist()]
+    except (OSError, zipfile.BadZipFile) as error:
+        raise InvalidInputError(f"{path}: cannot read the archive: {error}") from error
+    return [key for key in keys if key not in _KEYS]
+
+
+def _load(file: BinaryIO) -> dict[str, np.ndarray[Any, Any]]:
+    if not zipfile.is_zipfile(file):
+        raise InvalidInputError("not an NPZ archive: empty, cut short, or of another kind")
+    file.seek(0)
+    arrays: dict[str, np.ndarray[Any, Any]] = {}
+    key = "archive"
+    try:
+        with cast(NpzFile, np.load(file, allow_pickle=False)) as archive:
+            for key in _KEYS:
+                if key in archive:
+                    arrays[key] = np.asarray(archive[key])
+    # A damaged archive fails in zipfile, zlib, struct or NumPy's header parser, each with an
+    # exception of its own, none of which says where: no narrower list is complete.
+    except Exception as error:
+        raise InvalidInputError(f"{key}: cannot read the array: {error}") from error
+    return arrays
+
+
+def _count(arrays: dict[str, np.ndarray[Any, Any]]) -> int:
+    """Return the number of grasps, which every stack must have."""
+    for key, entry in _STACKS.items():
+        if key in arrays and arrays[key].ndim != 1 + len(entry.split(",")):
+            raise InvalidInputError(
+                f"{key}: got shape {arrays[key].shape}, expected a stack (B, {entry})"
+            )
+    count = len(arrays["W"])
+    if count == 0:
+        raise InvalidInputError(f"W: got shape {arrays['W'].shape}, expected at least one grasp")
+    for key, array in arrays.items():
+        if array.ndim > 0 and len(array) != count:
+            raise InvalidInputError(
+                f"{key}: got {len(array)} entries, expected {count}, one for each grasp in W"
+            )
+    return count
+
+
+def _names(arrays: dict[str, np.ndarray[Any, Any]], stem: str, count: int) -> list[str]:
+    key = next((key for key in _NAMES if key in arrays), None)
+    if key is None:
+        return [default_name(stem, index, count) for index in range(count)]
+    names = arrays[key]
+    if names.ndim != 1 or names.dtype.kind not in "Uiu":
+        raise InvalidInputError(
+            f"{key}: got type {names.dtype.name} of shape {names.shape}, expected text or whole "
+            f"numbers of shape ({count},)"
+        )
+    return [str(name) for name in names]
+
+
+def _problem(own: dict[str, np.ndarray[Any, Any]]) -> ForceProblem:
+    """Build one grasp's problem from its own entries of the stacks."""
+    columns = own["W"].shape[1]
+    if columns == 0 or columns % 3:
+        raise InvalidInputError(
+            f"W: got {columns} columns, expected 3 for each contact: normal, x, y"
+        )
+    mu = as_array(own.pop("mu"), "mu", (columns // 3,), broadcast=True)
+    arguments: dict[str, Any] = dict(own)
+    limit = arguments.pop("tau_limit", None)
+    if limit is not None:
+        bound = as_array(limit, "tau_limit", np.shape(limit))
+        require(np.ravel(bound > 0), "tau_limit", np.ravel(bound), "more than 0 N·m")
+        arguments |= {"tau_lo": -bound, "tau_hi": bound}
+    return ForceProblem(models=[PCWF(float(each)) for each in mu], **arguments)

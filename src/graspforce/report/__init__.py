@@ -1,0 +1,198 @@
+"""Section IV of the paper, end to end: ``graspforce reproduce``.
+
+:func:`reproduce` runs the paper's three scenarios and its sweep of alpha, times the servo on this
+machine, draws figures 4 to 12, and writes them with ``results.json`` (every number) and
+``report.html``: one page, without anything from a network, that sets each figure beside a table
+"the paper says | measured here". Apart from the date, the machine and the times, two runs write
+the same bytes.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import json
+import math
+import re
+import tempfile
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, TypeAlias, cast
+
+import numpy as np
+
+from graspforce import scenarios
+from graspforce.errors import InvalidInputError
+from graspforce.figures import FIGURES, PaperFigure, grasp_picture, style
+from graspforce.files import replacing
+from graspforce.outcome import Status
+from graspforce.report.machine import describe_machine
+from graspforce.report.page import EQUATIONS, template
+from graspforce.report.timing import measure_times, time_claims
+from graspforce.scenarios import Log
+from graspforce.settings import Settings
+
+# Called with a stage's name, how much of it is done, and its total.
+Progress: TypeAlias = Callable[[str, int, int], None]
+
+
+def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
+    """Run Section IV of the paper and write its figures, numbers and report.
+
+    Args:
+        out: folder for the results; made when it is not there. Files of the same names in it are
+            replaced, each as a whole.
+        progress: called as the work goes on with a stage's name, how much of it is done and its
+            total; the stages come one after the other.
+
+    Returns:
+        The path of ``report.html``.
+
+    Raises:
+        InvalidInputError: ``out`` is no folder to write into.
+        MissingExtraError: matplotlib or jinja2 is not installed.
+    """
+    folder = _writable_folder(Path(out))
+    tell = progress or _say_nothing
+    style.new_figure()  # a missing extra is found before the work, not after it
+    page = template()
+
+    logs = {name: _run(name, tell) for name in scenarios.NAMES}
+    sweep = scenarios.sweep_alpha()
+    times = measure_times(logs["dynamic"], logs["regrasp"], tell)
+    sources: dict[str, Any] = {**logs, "sweep": sweep}
+
+    results: dict[str, Any] = {
+        "graspforce": _version(),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": describe_machine(),
+        "timing": times,
+        "scenarios": {name: _summary(log) for name, log in logs.items()},
+        "figures": {},
+    }
+    images: dict[str, bytes] = {}
+    total = len(FIGURES) + 1
+    for done, figure in enumerate(FIGURES):
+        tell("figures", done, total)
+        results["figures"][str(figure.NUMBER)] = _make(figure, sources, folder, images)
+    tell("figures", total - 1, total)
+    picture = grasp_picture.draw(grasp_picture.data(logs["static"].scenario))
+    images["grasp.png"] = _write(folder / "grasp.png", style.render(picture, "png"))
+
+    results = _plain(results)
+    _write(folder / "results.json", _json(results).encode())
+    html = page.render(
+        results=results,
+        time_claims=time_claims(times),
+        images={name: base64.b64encode(image).decode() for name, image in images.items()},
+        equations=EQUATIONS,
+        c_max=logs["regrasp"].scenario.c_max,
+        tol=Settings().tol,
+    )
+    _write(folder / "report.html", html.encode())
+    tell("figures", total, total)
+    return folder / "report.html"
+
+
+# ---- the runs ----------------------------------------------------------------------------------
+
+
+def _run(name: str, tell: Progress) -> Log:
+    scenario = scenarios.get(name)
+    total = len(scenario.times)
+    return scenarios.run(scenario, progress=lambda tick: tell(name, tick + 1, total))
+
+
+def _summary(log: Log) -> dict[str, Any]:
+    """Return what was run and the ranges of what came out."""
+    scenario = log.scenario
+    ranges = {
+        "normal_forces [N]": log.normal_forces,
+        "max_torque [N m]": log.max_torque,
+        "torque_residual [N m]": log.torque_residual,
+        "friction_residual [N^2]": log.friction_residual,
+        "newton_steps": log.newton_steps,
+        "suboptimality": log.suboptimality,
+    }
+    steps, counts = np.unique(log.newton_steps, return_counts=True)
+    return {
+        "summary": scenario.summary,
+        "alpha": scenario.alpha,
+        "c_max [N]": scenario.c_max,
+        "rate [Hz]": scenario.rate,
+        "duration [s]": scenario.duration,
+        "base_axis": scenario.hand.base_axis,
+        "elbow": scenario.hand.elbow,
+        "ticks": len(log.t),
+        "ticks_solved": int((log.status == Status.SOLVED).sum()),
+        "ticks_by_newton_steps": dict(zip(map(str, steps), counts, strict=True)),
+        "ranges": {name: [values.min(), values.max()] for name, values in ranges.items()},
+    }
+
+
+def _make(
+    figure: PaperFigure, sources: dict[str, Any], folder: Path, images: dict[str, bytes]
+) -> dict[str, Any]:
+    """Write a figure's files and return its entry of ``results.json``."""
+    shown = figure.data(sources[figure.SOURCE])
+    drawn = figure.draw(shown)
+    stem = figure.__name__.rpartition(".")[2]
+    _write(folder / f"{stem}.png", style.render(drawn, "png"))
+    images[f"{stem}.svg"] = _write(folder / f"{stem}.svg", style.render(drawn, "svg"))
+    return {
+        "title": figure.TITLE,
+        "source": figure.SOURCE,
+        "files": [f"{stem}.png", f"{stem}.svg"],
+        "claims": [dataclasses.asdict(claim) for claim in figure.claims(shown)],
+        "arrays": {each.name: getattr(shown, each.name) for each in dataclasses.fields(shown)},
+    }
+
+
+# ---- what is written ---------------------------------------------------------------------------
+
+
+def _plain(value: Any) -> Any:
+    """Return ``value`` in JSON's types; a number that is not finite becomes None."""
+    if isinstance(value, dict):
+        return {name: _plain(each) for name, each in cast("dict[str, Any]", value).items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in cast("list[Any]", value)]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _json(results: dict[str, Any]) -> str:
+    """Return the results as JSON, indented, each innermost list on one line."""
+    text = json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False)
+    return re.sub(r"\[\s+[^][{}\"]*\]", lambda found: " ".join(found[0].split()), text) + "\n"
+
+
+def _writable_folder(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
+    except OSError as error:
+        raise InvalidInputError(
+            f"out: got {folder}, expected a folder to write into ({error.strerror})"
+        ) from error
+
+
+def _write(path: Path, content: bytes) -> bytes:
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
+    return content
+
+
+def _say_nothing(stage: str, done: int, total: int) -> None:
+    """Serve as the progress of who asked for none."""
+
+
+def _version() -> str:
+    import graspforce
+
+    return graspforce.__version__

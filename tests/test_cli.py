@@ -1,0 +1,364 @@
+"""The command, run as a user runs it: in a process of its own."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import graspforce as gf
+from graspforce import files
+from graspforce.cli import main
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+SEVERAL = EXAMPLES / "several_grasps.json"
+ALLEGRO = ROOT.parent / "shared" / "data" / "allegro_ycb.npz"
+
+
+def run(*arguments, cwd=None, **environment):
+    """Run ``graspforce`` and return the finished process; nothing may ever be a traceback."""
+    done = subprocess.run(
+        [sys.executable, "-m", "graspforce", *map(str, arguments)],
+        cwd=cwd,
+        env=os.environ | environment,
+        capture_output=True,
+        timeout=60,
+    )
+    done.stdout = done.stdout.decode(environment.get("PYTHONIOENCODING", "utf-8"))
+    done.stderr = done.stderr.decode()
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def rows(table):
+    """Return the cells of a printed table by the grasp's name."""
+    cells = [re.split(r"\s{2,}", line.strip()) for line in table.splitlines()]
+    return {each[1]: each[2:] for each in cells if len(each) == 7 and each[0].isdigit()}
+
+
+# ---- help and version --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", [[], ["solve"], ["scenario"]])
+def test_help_has_examples(command):
+    done = run(*command, "--help")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert re.search(r"Examples:\n +graspforce \w+ \S+", done.stdout)
+
+
+def test_help_names_every_scenario():
+    help_text = run("scenario", "--help").stdout
+    assert all(name in help_text for name in gf.scenarios.NAMES)
+
+
+@pytest.fixture(scope="module")
+def examples(tmp_path_factory):
+    """Every command line that the help texts show, run as printed: the folder and the runs."""
+    folder = tmp_path_factory.mktemp("examples")
+    (folder / "examples").symlink_to(EXAMPLES)
+    (folder / "results").mkdir()
+    (folder / "light.csv").write_text("an --out is replaced")
+    cone = files.read(EXAMPLES / "nose_cone.json")[0].problem
+    np.savez(folder / "grasps.npz", W=[cone.W], f=[cone.f], mu=0.3, c_max=2.0)
+    pages = [run(*command, "--help").stdout for command in ([], ["solve"], ["scenario"])]
+    lines = set(re.findall(r"^ +graspforce (.*)$", "\n".join(pages), re.MULTILINE))
+    with ThreadPoolExecutor(2) as pool:
+        runs = pool.map(lambda line: run(*line.split(), cwd=folder), lines)
+    return folder, dict(zip(lines, runs, strict=True))
+
+
+def test_examples_of_the_help_run_as_printed(examples):
+    folder, runs = examples
+    assert len(runs) >= 8
+    assert {line: done.stderr for line, done in runs.items() if done.returncode != 0} == {}
+    made = {str(path.relative_to(folder)) for path in folder.rglob("*.csv")}
+    assert made == {"forces.csv", "dynamic.csv", "light.csv", "results/regrasp.csv"}
+
+
+def test_version():
+    done = run("--version")
+    assert (done.returncode, done.stdout) == (0, f"graspforce {gf.__version__}\n")
+
+
+# ---- solve -------------------------------------------------------------------------------------
+
+
+def test_solve_prints_what_the_library_finds():
+    done = run("solve", SEVERAL)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    printed = rows(done.stdout)
+    grasps = files.read(SEVERAL)
+    assert list(printed) == [name for name, _ in grasps]
+    for name, problem in grasps:
+        solution = gf.solve(problem)
+        status, normal, slip, torque, steps = printed[name]
+        assert status == solution.status.name.lower()
+        assert int(steps) == solution.newton_steps
+        assert torque == "–"
+        if solution.status is gf.Status.SOLVED:
+            assert float(normal) == pytest.approx(solution.normal_forces.max(), rel=1e-3)
+            assert float(slip) == pytest.approx(solution.friction_margins.min(), rel=1e-3)
+        else:
+            assert (normal, slip) == ("–", "–")
+            assert f"{name}: {solution.message}" in done.stdout
+    assert "\n5 grasps: 3 solved, 2 infeasible\n" in done.stdout
+
+
+def test_solve_shows_the_torque_margin():
+    done = run("solve", EXAMPLES / "paper_grasp.json")
+    solution = gf.solve(files.read(EXAMPLES / "paper_grasp.json")[0].problem)
+    margin = float(rows(done.stdout)["paper, static"][3])
+    assert margin == pytest.approx(solution.torque_residual, rel=1e-3)
+    assert "1 grasp: 1 solved\n" in done.stdout
+
+
+@pytest.mark.parametrize("ending", ["json", "csv", "npz"])
+def test_solve_writes_everything(tmp_path, ending):
+    out = tmp_path / f"out.{ending}"
+    out.write_text("old")
+    done = run("solve", SEVERAL, "--out", out)
+    assert done.returncode == 0
+    assert str(out) in done.stdout
+    expected = tmp_path / f"expected.{ending}"
+    files.write(expected, [(name, gf.solve(problem)) for name, problem in files.read(SEVERAL)])
+    if ending == "npz":
+        with np.load(out) as a, np.load(expected) as b:
+            assert set(a) == set(b)
+            assert all(np.array_equal(a[key], b[key], equal_nan=a[key].dtype == float) for key in a)
+    else:
+        assert out.read_bytes() == expected.read_bytes()
+
+
+def test_options_override_every_grasp(tmp_path):
+    out = tmp_path / "out.json"
+    done = run("solve", SEVERAL, "--alpha", 30, "--c-max", 50, "--tol", 1e-12, "--out", out)
+    assert done.returncode == 0
+    for got, (name, problem) in zip(
+        json.loads(out.read_text(encoding="utf-8"))["results"], files.read(SEVERAL), strict=True
+    ):
+        solution = gf.solve(problem.replace(alpha=30, c_max=50), gf.Settings(tol=1e-12))
+        assert (got["name"], got["alpha"], got["c"]) == (name, 30, solution.c.tolist())
+
+
+def test_unbounded_grasp_shows_as_such(tmp_path):
+    document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
+    del document["c_max"]
+    (tmp_path / "free.json").write_text(json.dumps(document), encoding="utf-8")
+    done = run("solve", tmp_path / "free.json")
+    assert done.returncode == 0
+    assert rows(done.stdout)["nose cone, mu 0.3"][0] == "unbounded"
+    assert "nothing limits the grip" in done.stdout
+    assert "1 grasp: 1 unbounded\n" in done.stdout
+
+
+def test_names_come_through_a_pipe_whole(tmp_path):
+    document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
+    name = "a [bold]name[/bold] " + "that goes on and on " * 20 + "to here"
+    tricky = "\x1b[2Jcleared\nscreen"
+    grasps = [document | {"name": each} for each in (name, tricky)]
+    (tmp_path / "long.json").write_text(json.dumps({"grasps": grasps}), encoding="utf-8")
+    done = run("solve", tmp_path / "long.json", COLUMNS="40")
+    assert name in done.stdout
+    assert "…" not in done.stdout
+    assert "\x1b" not in done.stdout
+    assert "�[2Jcleared�screen" in done.stdout
+
+
+def test_many_failures_do_not_flood(tmp_path):
+    slippery = json.loads(SEVERAL.read_text(encoding="utf-8"))["grasps"][1]
+    (tmp_path / "many.json").write_text(json.dumps({"grasps": [slippery] * 30}), encoding="utf-8")
+    done = run("solve", tmp_path / "many.json")
+    assert done.stdout.count("no contact force gives") == 5
+    assert "… and 25 more without an answer\n" in done.stdout
+    assert "30 grasps: 30 infeasible\n" in done.stdout
+
+
+def test_a_poor_encoding_costs_no_output(tmp_path):
+    document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
+    path = tmp_path / "greek.json"
+    path.write_text(json.dumps(document | {"name": "λάμδα"}), encoding="utf-8")
+    done = run("solve", path, PYTHONIOENCODING="ascii")
+    assert done.returncode == 0
+    assert "1 grasp: 1 solved" in done.stdout
+
+
+def test_narrow_terminal_loses_nothing():
+    """On a terminal the table fits its width: cells fold, and none ends in an ellipsis."""
+    reader, terminal = pty.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-m", "graspforce", "solve", str(SEVERAL)],
+        stdout=terminal,
+        stderr=subprocess.PIPE,
+        env=os.environ | {"COLUMNS": "60", "TERM": "xterm"},
+    ) as process:
+        os.close(terminal)
+        shown = b""
+        while True:
+            try:
+                piece = os.read(reader, 65536)
+            except OSError:  # Linux: the other side is closed
+                break
+            if not piece:
+                break
+            shown += piece
+        assert process.wait(timeout=60) == 0
+    os.close(reader)
+    text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode()).replace("\r", "")
+    table = text[: text.index("can, 35 N: ")]
+    assert max(map(len, table.splitlines())) <= 60
+    assert "…" not in table
+    for status, _, _, _, steps in rows(run("solve", SEVERAL).stdout).values():
+        assert status in table
+        assert steps in table
+
+
+def test_a_closed_pipe_is_no_error():
+    with subprocess.Popen(
+        [sys.executable, "-m", "graspforce", "solve", str(SEVERAL)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+
+
+def test_allegro_grasps():
+    if not ALLEGRO.exists():
+        pytest.skip("no shared data")
+    for alpha in ("1", "5"):
+        done = run("solve", ALLEGRO, "--alpha", alpha)
+        assert done.returncode == 0
+        assert "193 grasps: 191 solved, 2 infeasible\n" in done.stdout
+        assert "002_master_chef_can" in done.stdout
+        assert re.search(r"were not read: .*ref_status", done.stdout)
+
+
+# ---- what is wrong -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["solve", "none.json"], "none.json: cannot read the file: No such file or directory"),
+        (["solve", "bad.json"], "bad.json: line 1, column 7: not JSON: Expecting value"),
+        (["solve", "bad.npz"], "bad.npz: not an NPZ archive: empty, cut short, or of another kind"),
+        (["solve", "grasps.yaml"], "grasps.yaml: got a file name ending in '.yaml', expected one"),
+        (["solve", "key.json"], 'key.json: $: unknown key "nme"; expected one of $schema, '),
+        (["solve", "cone.json", "--alpha", "0"], "--alpha: got 0.0, expected more than 0"),
+        (["solve", "cone.json", "--alpha", "nan"], "--alpha: got nan, expected finite numbers"),
+        (["solve", "cone.json", "--c-max", "-1"], "--c-max: got -1.0, expected more than 0"),
+        (["solve", "cone.json", "--tol", "0"], "tol: got 0.0, expected more than 0"),
+        (["solve", "floor.json", "--c-max", "1"], "floor.json: grasp 0 'floor': c_min[0]: got 1"),
+        (["solve", "cone.json", "--out", "x.txt"], "x.txt: got a file name ending in '.txt'"),
+        (["solve", "cone.json", "--out", "no/x.csv"], "no/x.csv: the directory no does not exist"),
+        (["solve", "cone.json", "--out", "./cone.json"], "--out: got cone.json, the file of gr"),
+        (["scenario", "dynamc"], "name: got 'dynamc', expected one of static, dynamic, regrasp"),
+        (["scenario", "static", "--alpha", "-1"], "alpha: got -1.0, expected more than 0"),
+        (["scenario", "static", "--out", "x.json"], "x.json: got a file name ending in '.json'"),
+    ],
+)
+def test_what_is_wrong_is_one_line(tmp_path, arguments, message, monkeypatch, capsys):
+    """In this process, to be quick; the next test sees that a process of its own is the same."""
+    cone = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
+    floor = cone | {"name": "floor", "c_min": 1.5}
+    (tmp_path / "cone.json").write_text(json.dumps(cone), encoding="utf-8")
+    (tmp_path / "floor.json").write_text(json.dumps(floor), encoding="utf-8")
+    (tmp_path / "key.json").write_text('{"nme": 1}', encoding="utf-8")
+    (tmp_path / "bad.json").write_text('{"f": ', encoding="utf-8")
+    (tmp_path / "bad.npz").write_bytes(b"")
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["graspforce", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.err.startswith(f"graspforce: {message}")
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_failed_write_still_shows_the_table(tmp_path, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    out = tmp_path / "out.csv"
+    monkeypatch.setattr("os.replace", full)
+    monkeypatch.setattr(sys, "argv", ["graspforce", "solve", str(SEVERAL), "--out", str(out)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.err == f"graspforce: {out}: cannot write it: No space left on device\n"
+    assert "5 grasps: 3 solved, 2 infeasible" in printed.out
+    assert "Everything about them" not in printed.out
+
+
+def test_what_is_wrong_is_one_line_in_a_process(tmp_path):
+    done = run("solve", tmp_path / "none.json")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        f"graspforce: {tmp_path / 'none.json'}: cannot read the file: No such file or directory\n"
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["slove"], ["solve"], ["solve", "x.json", "--alhpa", "1"], ["solve", "x.json", "--tol", "x"]],
+)
+def test_wrong_usage(arguments):
+    done = run(*arguments)
+    assert done.returncode == 2
+    assert "Error: " in done.stderr
+    assert done.stdout == ""
+
+
+def test_nothing_to_do_shows_the_help():
+    done = run()
+    assert done.returncode == 2
+    assert "scenario" in done.stdout + done.stderr
+
+
+# ---- scenario ----------------------------------------------------------------------------------
+
+
+def test_scenario_writes_every_tick(examples, tmp_path):
+    folder, runs = examples
+    done = runs["scenario static --alpha 100 --out light.csv"]
+    assert done.stderr == ""
+    log = gf.scenarios.run(gf.scenarios.get("static", alpha=100.0))
+    log.write_csv(tmp_path / "expected.csv")
+    assert (folder / "light.csv").read_bytes() == (tmp_path / "expected.csv").read_bytes()
+    with (folder / "light.csv").open(encoding="utf-8", newline="") as file:
+        assert len(list(csv.reader(file))) == 1 + len(log.t)
+    assert "500 ticks: 500 solved; " in done.stdout
+    normal = re.search(r"normal force \[N\] +(\S+) +(\S+)", done.stdout)
+    assert normal is not None
+    assert float(normal[1]) == pytest.approx(log.normal_forces.min(), rel=1e-3)
+    assert float(normal[2]) == pytest.approx(log.normal_forces.max(), rel=1e-3)
+    assert "Every tick is in dynamic.csv\n" in runs["scenario dynamic"].stdout
+
+
+def test_scenario_does_not_replace_what_nobody_named(tmp_path):
+    (tmp_path / "static.csv").write_text("precious")
+    done = run("scenario", "static", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == (
+        "graspforce: static.csv: exists already; name it with --out to replace it\n"
+    )
+    assert (tmp_path / "static.csv").read_text() == "precious"

@@ -1,0 +1,374 @@
+"""solve and the Solution that it returns: residuals, verdicts, exceptions, values."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+from grasps import KINDS, cone_margins, plant
+
+import graspforce as gf
+
+EVERYTHING = {"ceilings": True, "floors": True, "inequalities": 2, "bias": True}
+
+
+@pytest.fixture
+def planted(rng):
+    return plant(rng, KINDS * 2, alpha=2.0, shared=True, **EVERYTHING)
+
+
+@pytest.fixture
+def solved(planted, exact):
+    return gf.solve(planted.problem, exact)
+
+
+@pytest.fixture
+def overloaded(rng, default):
+    """A grasp that is asked for far more than its joints can give."""
+    problem = plant(rng, ["PCWF"] * 4).problem
+    return gf.solve(problem.replace(f=1e3 * problem.f), default)
+
+
+@pytest.fixture
+def unreachable(rng, default):
+    """Two point contacts cannot make a torque about the line through them."""
+    ends = [gf.Contact((s, 0, 0), (-s, 0, 0), gf.PCWF(0.5)) for s in (-1.0, 1.0)]
+    return gf.solve(gf.Grasp(ends).problem([0, 0, 0, 1, 0, 0], c_max=9), default)
+
+
+# ---- numbers, recomputed by hand ---------------------------------------------------------------
+
+
+def test_residuals_and_margins_by_hand(solved):
+    problem, c = solved.problem, solved.c
+    tau = problem.tau_bias + np.array([problem.J[:, j] @ c for j in range(problem.J.shape[1])])
+    assert solved.tau == pytest.approx(tau, rel=1e-13)
+    margins = np.minimum(problem.tau_hi - tau, tau - problem.tau_lo)
+    assert solved.torque_margins == pytest.approx(margins, rel=1e-12)
+    assert solved.torque_residual == pytest.approx(margins.min(), rel=1e-12)
+    assert solved.friction_margins == pytest.approx(cone_margins(c, problem.models), rel=1e-9)
+    g, start = [], 0
+    for model in problem.models:
+        n, *t = c[start : start + model.dim]
+        start += model.dim
+        mu, gamma = getattr(model, "mu", 1), getattr(model, "gamma", 1)
+        scale = [1, 1, mu / gamma]
+        g.append((mu * n) ** 2 - sum((a * b) ** 2 for a, b in zip(t, scale, strict=False)))
+    assert solved.friction_residual == pytest.approx(min(g), rel=1e-9)
+    assert solved.normal_forces.tolist() == [c[i] for i in problem.starts[:-1]]
+    assert solved.wrench_error == np.abs(problem.W @ c - problem.f).max()
+    assert solved.wrench_error <= 1e-9 * (np.abs(problem.W) @ np.abs(c)).max()
+
+
+def test_phi_by_hand(solved):
+    problem, c = solved.problem, solved.c
+    A, b = problem.linear_limits()
+    soc, start = 0.0, 0
+    for model in problem.models:
+        n, *t = c[start : start + model.dim]
+        start += model.dim
+        mu, gamma = getattr(model, "mu", 1), getattr(model, "gamma", 1)
+        scale = [1, 1, mu / gamma]
+        g = (mu * n) ** 2 - sum((x * s) ** 2 for x, s in zip(t, scale, strict=False))
+        soc -= math.log(g)
+    lin = -sum(math.log(bound - row @ c) for row, bound in zip(A, b, strict=True))
+    assert solved.phi == pytest.approx(soc + problem.alpha * lin, rel=1e-11)
+
+
+def test_suboptimality_bounds_the_distance_to_the_planted_optimum(planted, backend):
+    best = gf.reference.objective(planted.c, planted.problem)
+    for tol in (1e-1, 1e-3, 1e-9):
+        solution = gf.solve(planted.problem, gf.Settings(tol=tol, backend=backend))
+        gap = solution.phi - best
+        assert -1e-9 * abs(best) <= gap <= solution.suboptimality + 1e-9 * abs(best)
+
+
+@pytest.mark.parametrize("alpha", [0.1, 3.0])
+def test_the_tolerance_bounds_the_decrement(rng, backend, alpha):
+    problem = plant(rng, ["PCWF", "SFC", "PCWF", "FPC"], alpha=alpha, ceilings=True).problem
+    for tol in (1e-2, 1e-5, 1e-9):
+        solution = gf.solve(problem, gf.Settings(tol=tol, backend=backend))
+        assert solution.status is gf.Status.SOLVED
+        assert gf.reference.decrement(solution.c, problem) ** 2 / 2 <= tol * (1 + 1e-6) + 1e-13
+        # The decrement is that of Phi / min(1, alpha), and so bounds this much of Phi itself.
+        longest = min(math.sqrt(2 * tol), 0.99)
+        most = min(1, alpha) * (-longest - math.log1p(-longest))
+        assert solution.suboptimality <= most * (1 + 1e-6) + 1e-14
+
+
+def test_nu_is_the_derivative_of_the_least_phi(rng, exact):
+    """∇Phi = W.T nu and dPhi*/df = nu, the latter by central differences."""
+    planted = plant(rng, ["PCWF"] * 4, alpha=2.0)
+    problem = planted.problem
+    solution = gf.solve(problem, exact)
+    gradient, _ = gf.reference.derivatives(solution.c, problem)
+    assert problem.W.T @ solution.nu == pytest.approx(gradient, abs=1e-6 * np.abs(gradient).max())
+    for k in range(6):
+        h = 1e-5 * np.eye(6)[k]
+        ahead, behind = (gf.solve(problem.replace(f=problem.f + s * h), exact).phi for s in (1, -1))
+        assert solution.nu[k] == pytest.approx((ahead - behind) / 2e-5, rel=1e-4, abs=1e-4)
+
+
+def test_residuals_of_a_grasp_without_joints(rng, default):
+    problem = plant(rng, ["PCWF"] * 4, hand=False).problem
+    solution = gf.solve(problem, default)
+    assert solution.tau.shape == solution.torque_margins.shape == (0,)
+    assert solution.torque_residual == math.inf
+    assert "torque_residual=inf" in repr(solution)
+
+
+def test_a_removed_contact_has_no_margin_to_lose(rng, default):
+    solution = gf.solve(plant(rng, ["PCWF"] * 4, removed=2).problem, default)
+    assert solution.status is gf.Status.SOLVED
+    assert solution.friction_margins[2] == math.inf
+    assert solution.normal_forces[2] == 0
+    assert not solution.c[6:9].any()
+    assert 0 < solution.friction_residual < math.inf
+    assert np.isfinite(solution.phi)
+
+
+# ---- start -------------------------------------------------------------------------------------
+
+
+def test_the_start_changes_the_way_and_not_the_answer(planted, exact):
+    cold = gf.solve(planted.problem, exact)
+    near = gf.solve(planted.problem, exact, start=planted.c * (1 + 1e-6))
+    assert near.c == pytest.approx(cold.c, abs=1e-9)
+    assert near.newton_steps < cold.newton_steps
+    for start in (planted.c, -planted.c, 1e6 * planted.c, np.zeros_like(planted.c)):
+        again = gf.solve(planted.problem, exact, start=start)
+        assert again.status is gf.Status.SOLVED
+        assert again.c == pytest.approx(cold.c, abs=1e-8)
+
+
+def test_the_start_need_not_make_the_wrench(planted, exact):
+    moved = planted.problem.replace(f=planted.problem.f * 1.001)
+    cold = gf.solve(moved, exact)
+    warm = gf.solve(moved, exact, start=planted.c)
+    assert warm.c == pytest.approx(cold.c, abs=1e-8)
+
+
+def test_solving_twice_gives_the_same_bits(planted, exact):
+    first, second = (gf.solve(planted.problem, exact) for _ in range(2))
+    assert first == second
+    assert first.nu.tolist() == second.nu.tolist()
+
+
+def test_nothing_is_remembered_of_other_problems_of_the_same_shape(default):
+    """Joint 1 moves a finger in the grasp first, one that has left it then: no limit any more."""
+
+    def grip(J, tau_lo):
+        return gf.ForceProblem(
+            [[1.0, -1.0, 0.0]], [0.0], gf.FPC(), J=J, tau_lo=tau_lo, tau_hi=3.0,
+            c_max=5.0, engagement=[1, 1, 0],
+        )  # fmt: skip
+
+    first = grip([[1.0, 1.0], [0, 0], [0, 0]], [-3.0, -3.0])
+    second = grip([[1.0, 0.0], [0, 0], [0, 1.0]], [-3.0, 1.0])
+    assert gf.solve(first, default).status is gf.Status.SOLVED
+    after = gf.solve(second, default)
+    assert after.status is gf.Status.SOLVED
+    alone = grip([[1.0, 0.0], [0, 0], [0, 0]], [-3.0, -9e9])
+    assert after.c == pytest.approx(gf.solve(alone, default).c, rel=1e-4)
+    servo = gf.Servo(first, default)
+    servo.step()
+    assert servo.step(J=second.J, tau_lo=second.tau_lo).status is gf.Status.SOLVED
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_solving_does_not_matter(seed, exact):
+    """Problems of one layout whose fingers, engagements and grasps differ, there and back."""
+    rng = np.random.default_rng(seed)
+    kinds = ["PCWF", "FPC", "SFC", "PCWF"]
+    problems = []
+    while len(problems) < 8:
+        sort = {"removed": int(rng.integers(4))} if rng.random() < 0.5 else {"ceilings": True}
+        problem = plant(rng, kinds, 2.0, shared=True, inequalities=1, **sort).problem
+        J = np.zeros((problem.m, 20))
+        J[:, : problem.J.shape[1]] = problem.J
+        limits = {"tau_lo": np.full(20, -1.0), "tau_hi": np.full(20, 1.0)}
+        for name, values in limits.items():
+            values[: problem.J.shape[1]] = getattr(problem, name)
+        problems.append(problem.replace(J=J, tau_bias=None, **limits))
+    assert len({problem.layout for problem in problems}) == 1
+    there = [gf.solve(problem, exact) for problem in problems]
+    back = [gf.solve(problem, exact) for problem in reversed(problems)][::-1]
+    for first, second in zip(there, back, strict=True):
+        assert first.status is second.status is gf.Status.SOLVED
+        assert first.c == pytest.approx(second.c, abs=1e-7 * np.abs(first.c).max())
+
+
+# ---- the two backends --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_native_and_reference_agree(seed):
+    rng = np.random.default_rng(seed)
+    kinds = [str(kind) for kind in rng.choice(KINDS, rng.integers(3, 8))]
+    problem = plant(
+        rng, kinds, 10 ** rng.uniform(-1, 2), shared=seed % 2 == 0, ceilings=seed % 3 == 0,
+        floors=seed % 4 == 0, removed=seed % 3 if seed % 5 == 0 else None,
+    ).problem  # fmt: skip
+    problem = problem.replace(f=problem.f * rng.uniform(0.7, 1.2))
+    native, reference = (
+        gf.solve(problem, gf.Settings(tol=1e-14, backend=name)) for name in ("native", "reference")
+    )
+    assert native.status is reference.status
+    if native.status is gf.Status.SOLVED:
+        size = np.abs(reference.c).max()
+        assert native.c == pytest.approx(reference.c, abs=1e-8 * size)
+        assert native.phi == pytest.approx(reference.phi, rel=1e-9)
+    else:
+        assert native.violation == pytest.approx(reference.violation, rel=1e-4)
+
+
+# ---- verdicts ----------------------------------------------------------------------------------
+
+
+def test_check_raises_what_raise_if_failed_raises(planted, overloaded, unreachable, default):
+    for bad in (overloaded, unreachable):
+        with pytest.raises(gf.InfeasibleGraspError, match=bad.status.name) as caught:
+            gf.solve(bad.problem, default, check=True)
+        assert caught.value.solution == bad
+        with pytest.raises(gf.InfeasibleGraspError) as caught:
+            bad.raise_if_failed()
+        assert caught.value.solution is bad
+    good = gf.solve(planted.problem, default, check=True)
+    assert good.status is gf.Status.SOLVED
+    good.raise_if_failed()
+
+
+def test_no_bound_and_too_few_steps_are_not_converged(planted, rng, backend):
+    boundless = gf.ForceProblem(planted.problem.W, planted.problem.f, planted.problem.models)
+    few = gf.Settings(max_steps=1, tol=1e-15, backend=backend)
+    for problem, settings, status in [
+        (boundless, gf.Settings(backend=backend), gf.Status.UNBOUNDED),
+        (planted.problem, few, gf.Status.MAX_STEPS),
+    ]:
+        solution = gf.solve(problem, settings)
+        assert solution.status is status
+        assert solution.suboptimality == math.inf
+        assert np.isfinite(solution.c).all()
+        with pytest.raises(gf.NotConvergedError, match=status.name):
+            solution.raise_if_failed()
+
+
+def test_exceptions_are_of_the_family_and_pickle(overloaded):
+    assert issubclass(gf.InvalidInputError, ValueError)
+    assert issubclass(gf.MissingExtraError, ImportError)
+    for kind in (gf.InvalidInputError, gf.ModelImportError, gf.MissingExtraError, gf.SolveError):
+        assert issubclass(kind, gf.GraspForceError)
+    for kind in (gf.InfeasibleGraspError, gf.NotConvergedError):
+        assert issubclass(kind, gf.SolveError)
+        error = pickle.loads(pickle.dumps(kind(overloaded)))
+        assert type(error) is kind
+        assert error.solution == overloaded
+        assert str(error) == str(kind(overloaded))
+    missing = gf.MissingExtraError("drawing", "matplotlib", "figures")
+    assert "pip install 'graspforce[figures]'" in str(missing)
+    assert str(pickle.loads(pickle.dumps(missing))) == str(missing)
+
+
+def test_messages_say_what_to_do(solved, overloaded, unreachable):
+    assert "solved in" in solved.message
+    assert "least relative violation" in overloaded.message
+    assert "range of W" in unreachable.message
+
+
+# ---- verify ------------------------------------------------------------------------------------
+
+
+def forged(solution, **changes):
+    """A Solution with other numbers than were found."""
+    raw = solution.__reduce__()[1][0]
+    fields = {name: getattr(raw, name) for name in raw.__slots__} | changes
+    return gf.Solution(type(raw)(**fields), solution.problem)
+
+
+def test_verify_bears_out_the_truth(solved, overloaded, unreachable):
+    for solution in (solved, overloaded, unreachable):
+        assert solution.verify().ok
+    report = solved.verify()
+    assert report.ok is True
+    assert report.wrench_error == solved.wrench_error
+    assert report.friction_margin == solved.friction_margins.min()
+    A, b = solved.problem.linear_limits()
+    assert report.limit_margin == (b - A @ solved.c).min()
+    assert report.decrement < 1e-5
+    assert report.certificate_holds is None
+    assert overloaded.verify().certificate_holds is True
+    assert unreachable.verify().certificate_holds is None
+
+
+def null_space(W):
+    return np.linalg.svd(W)[2][np.linalg.matrix_rank(W) :].T
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e4])
+def test_verify_finds_forces_that_are_not_the_optimum(solved, size):
+    N = null_space(solved.problem.W)
+    assert not forged(solved, c=solved.c + size * N[:, 0]).verify().ok
+
+
+def test_verify_finds_forces_that_do_not_make_the_wrench(solved):
+    assert not forged(solved, c=solved.c * (1 + 1e-7)).verify().ok
+
+
+@pytest.mark.parametrize("lie", [{"c": None, "sign": -1}, {"c": None, "sign": 0}], ids=str)
+def test_verify_finds_forces_outside_the_cones(solved, lie):
+    assert not forged(solved, c=lie["sign"] * solved.c).verify().ok
+
+
+def test_verify_finds_forces_that_are_no_numbers(solved):
+    assert not forged(solved, c=np.full_like(solved.c, np.nan)).verify().ok
+
+
+def test_verify_finds_wrong_statuses(solved, overloaded, unreachable):
+    assert not forged(solved, status=gf.Status.INFEASIBLE).verify().ok
+    assert not forged(solved, status=gf.Status.WRENCH_UNREACHABLE).verify().ok
+    assert not forged(overloaded, status=gf.Status.SOLVED).verify().ok
+    assert not forged(overloaded, y=None).verify().ok
+    assert not forged(overloaded, z=np.zeros_like(forged(overloaded).certificate.z)).verify().ok
+    assert not forged(unreachable, status=gf.Status.SOLVED).verify().ok
+
+
+def test_a_loose_answer_is_no_lie(planted, backend):
+    """An early stop that says so is borne out: verify judges the claim, not the accuracy."""
+    loose = gf.solve(planted.problem, gf.Settings(tol=0.01, backend=backend))
+    assert loose.status is gf.Status.SOLVED
+    assert loose.verify().ok
+
+
+# ---- values ------------------------------------------------------------------------------------
+
+
+def test_pickle_and_equality(solved, overloaded, unreachable):
+    for solution in (solved, overloaded, unreachable):
+        copy = pickle.loads(pickle.dumps(solution))
+        assert copy == solution
+        assert hash(copy) == hash(solution)
+        assert copy.problem == solution.problem
+        assert copy.newton_steps == solution.newton_steps
+        assert copy.nu.tolist() == solution.nu.tolist()
+        assert copy.suboptimality == solution.suboptimality
+        assert copy.violation == solution.violation
+        assert copy.certificate == solution.certificate
+        assert copy.verify().ok
+        assert repr(copy) == repr(solution)
+    assert solved != overloaded
+    assert solved != forged(solved, c=solved.c * 1.5)
+    raw = solved.__reduce__()[1][0]
+    assert solved == gf.Solution(raw, solved.problem.replace())
+    assert solved != gf.Solution(raw, solved.problem.replace(alpha=3.0))
+    assert solved != "solution"
+
+
+def test_repr_names_the_verdict_and_the_margins(solved, overloaded):
+    assert repr(solved).startswith("Solution(SOLVED, normal_forces=[")
+    for word in ("friction_residual=", "torque_residual=", "newton_steps="):
+        assert word in repr(solved)
+    assert "INFEASIBLE" in repr(overloaded)
+
+
+def test_the_problem_is_at_hand(planted, default):
+    assert gf.solve(planted.problem, default).problem is planted.problem
