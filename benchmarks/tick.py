@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -60,16 +61,20 @@ def main() -> None:
     problems = list(scenarios.dynamic().problems())
     servo = gf.Servo(problems[0])
     ticks = [
-        lambda W=np.array(p.W), f=np.array(p.f), J=np.array(p.J): servo.step(f=f, W=W, J=J)
-        for p in problems
+        partial(servo.step, f=np.array(p.f), W=np.array(p.W), J=np.array(p.J)) for p in problems
     ]
     warm = timed(ticks, rounds=20)
-    cold = timed([lambda p=p: gf.solve(p) for p in problems], rounds=10)
+    cold = timed([partial(gf.solve, p) for p in problems], rounds=10)
     numpy_alone = import_time("import numpy")
     rows = [
         ("warm tick, servo.step(f=, W=, J=)", *np.percentile(warm, [50, 99]), "µs"),
         ("cold solve(problem)", *np.percentile(cold, [50, 99]), "µs"),
-        ("import graspforce, beyond NumPy's", import_time("import numpy, graspforce") - numpy_alone, np.nan, "ms"),
+        (
+            "import graspforce, beyond NumPy's",
+            import_time("import numpy, graspforce") - numpy_alone,
+            np.nan,
+            "ms",
+        ),
     ]
     lines = [
         f"{cpu()}, Python {platform.python_version()}, NumPy {np.__version__}, "

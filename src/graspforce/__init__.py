@@ -43,7 +43,7 @@ from graspforce.solution import Solution, Verification
 from graspforce.solve import solve
 
 if TYPE_CHECKING:
-    from graspforce import figures, hands, reference, regrasp, scenarios, trajectory
+    from graspforce import figures, files, hands, reference, regrasp, scenarios, trajectory
 
 __version__ = "0.1.0"
 
@@ -69,6 +69,7 @@ __all__ = [
     "Verification",
     "check_certificate",
     "figures",
+    "files",
     "grasp_map",
     "hands",
     "reference",
@@ -79,7 +80,7 @@ __all__ = [
 ]
 
 # Imported at first use, so that `import graspforce` stays as light as NumPy.
-_LAZY = frozenset({"figures", "hands", "reference", "regrasp", "scenarios", "trajectory"})
+_LAZY = frozenset({"figures", "files", "hands", "reference", "regrasp", "scenarios", "trajectory"})
 
 
 def __getattr__(name: str) -> Any:

@@ -185,6 +185,24 @@ def scenario(
         typer.echo(f"Every tick is in {path}")
 
 
+@app.command(epilog=_examples("graspforce reproduce", "graspforce reproduce --out results"))
+def reproduce(
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Where the figures, numbers and report go.")
+    ] = Path("results"),
+) -> None:
+    """Run Section IV of the paper: figures 4 to 12, results.json and report.html.
+
+    Needs the extra: pip install 'graspforce[figures]'.
+    """
+    with _one_line_errors():
+        from graspforce import report
+
+        with _stage_bars() as progress:
+            page = report.reproduce(out, progress)
+        typer.echo(f"The report is {page}")
+
+
 @contextmanager
 def _one_line_errors() -> Generator[None]:
     """Turn what the caller can put right into one line on stderr and exit code 2."""
@@ -236,6 +254,24 @@ def _progress_bar(total: int, what: str) -> Generator[Callable[[int], None]]:
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(what, total=total)
         yield lambda index: progress.update(task, completed=index + 1)
+
+
+@contextmanager
+def _stage_bars() -> Generator[Callable[[str, int, int], None]]:
+    """Show a progress bar a stage on stderr, if that is a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress, TaskID
+
+    console = Console(stderr=True)
+    tasks: dict[str, TaskID] = {}
+    with Progress(console=console, disable=not console.is_terminal) as bars:
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=total)
+            bars.update(tasks[stage], completed=done)
+
+        yield progress
 
 
 def _report(results: list[NamedSolution]) -> None:

@@ -272,9 +272,7 @@ struct LaneGroup {
     const Lanes root = sqrt(max(discriminant, Lanes{}));
     // For b > 0 the difference root − b is written without its cancellation.
     const Lanes inverse_step = qb < 0 ? (root - qb) / qc : -qa / (root + qb);
-    worst = max(worst, discriminant < 0               ? Lanes{}
-                       : inverse_step == inverse_step ? inverse_step
-                                                      : Lanes{});
+    worst = max(worst, inverse_step == inverse_step ? inverse_step : Lanes{});  // 0/0: d is zero
     auto limit = [&worst](Lanes above, Lanes below, Lanes change) {
       worst = max(worst, max(change / above, -change / below));
     };
@@ -505,7 +503,7 @@ class LaneBarrier {
       if (!(error <= worst)) worst = error;  // NaN stays
       scale = std::max(scale, std::abs(f_[r]));
     }
-    if (worst <= 1e-12 * scale) return worst / scale;  // the sizes of the parts only add to that
+    if (worst < 1e-12 * scale) return worst / scale;  // the sizes of the parts only add to that
     each([&](const auto& group) {
       GRASPFORCE_UNROLL
       for (int r = 0; r < kWrench; ++r) {

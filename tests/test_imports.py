@@ -1,0 +1,30 @@
+"""What an import of graspforce may and may not bring along."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import graspforce
+
+PACKAGE = Path(graspforce.__file__).parent
+
+
+def test_only_the_engine_imports_the_compiled_core():
+    importing = re.compile(r"^\s*(from\s+\S*\s+)?import\s+.*\b_core\b|graspforce\._core", re.M)
+    files = {file.name for file in PACKAGE.rglob("*.py") if importing.search(file.read_text())}
+    assert files == {"_engine.py"}
+
+
+def test_importing_graspforce_imports_numpy_and_nothing_heavy():
+    code = "import sys, numpy; before = set(sys.modules); import graspforce; " \
+        "print(*sorted({name.split('.')[0] for name in set(sys.modules) - before}))"  # fmt: skip
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    third_party = set(run.stdout.split()) - set(sys.stdlib_module_names)
+    assert third_party == {"graspforce"}
+
+
+def test_every_public_name_is_there():
+    for name in graspforce.__all__:
+        assert getattr(graspforce, name) is not None
+    assert set(graspforce.__all__) <= set(dir(graspforce))
