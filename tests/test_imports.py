@@ -21,7 +21,7 @@ def test_importing_graspforce_imports_numpy_and_nothing_heavy():
         "print(*sorted({name.split('.')[0] for name in set(sys.modules) - before}))"  # fmt: skip
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     third_party = set(run.stdout.split()) - set(sys.stdlib_module_names)
-    assert third_party == {"graspforce"}
+    assert third_party <= {"graspforce", "numpy"}
 
 
 def test_every_public_name_is_there():
