@@ -24,11 +24,15 @@ lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order,
 bench: $(VENV)/test.installed  ## time this machine
 	$(VENV)/bin/python benchmarks/tick.py
 
-# An editable install: Python changes need nothing, a change of the core builds it again.
+# An editable install: Python changes need nothing, a change of the core builds it again. Each set
+# of extras contains those before it.
+$(VENV)/figures.installed: INSTALLED = figures
+$(VENV)/test.installed: INSTALLED = figures test
+$(VENV)/dev.installed: INSTALLED = figures test dev
 $(VENV)/%.installed: $(NATIVE)
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) -e '.[$*]'
-	touch $@
+	touch $(INSTALLED:%=$(VENV)/%.installed)
 
 clean:
 	rm -rf $(VENV) build dist results
