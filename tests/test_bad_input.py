@@ -371,6 +371,22 @@ def test_a_wrench_outside_the_range_of_the_map(default):
 
 
 @pytest.mark.parametrize(
+    ("twist", "status"),
+    [
+        (1e-6, gf.Status.WRENCH_UNREACHABLE),
+        (-1e-7, gf.Status.WRENCH_UNREACHABLE),
+        (1e-14, gf.Status.SOLVED),
+    ],
+)
+def test_out_of_reach_by_more_than_rounding(default, twist, status):
+    """Two point contacts cannot turn the object about the line between them, not even a little."""
+    ends = [gf.Contact((s, 0, 0), (-s, 0, 0), gf.PCWF(0.5)) for s in (-1.0, 1.0)]
+    solution = gf.solve(gf.Grasp(ends).problem([0, 0, 1.0, twist, 0, 0], c_max=9), default)
+    assert solution.status is status
+    assert solution.verify().ok
+
+
+@pytest.mark.parametrize(
     ("A", "b"),
     [
         (np.vstack((np.eye(12)[0], -np.eye(12)[0])), [1.0, -2.0]),

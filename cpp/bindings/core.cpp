@@ -178,23 +178,35 @@ class Servo {
     int rows = 0, columns = 0;  // columns 0: a vector
   };
 
-  // Copies an array into its field of the next problem; false unless it has the field's exact
-  // shape and finite float64 numbers.
+  // Copies an array into its field of the next problem; false unless it is a C-contiguous array of
+  // finite float64 numbers in the field's exact shape. By the buffer protocol: it takes a quarter
+  // of the time that a conversion to an nb::ndarray does.
   bool stage(const nb::object& object, const Slot& slot) {
-    nb::ndarray<const double, nb::c_contig, nb::device::cpu> array;
-    if (!nb::try_cast(object, array, false)) return false;
-    const std::size_t axes = slot.columns > 0 ? 2 : 1;
-    if (slot.rows == 0 || array.ndim() != axes || int(array.shape(0)) != slot.rows) return false;
-    if (axes == 2 && int(array.shape(1)) != slot.columns) return false;
-    const std::size_t count = array.size();
-    const double* source = array.data();
-    double* target = next_.data() + slot.offset;
-    double infected = 0;  // 0·x is 0 for every finite x, and NaN otherwise
-    for (std::size_t i = 0; i < count; ++i) {
-      target[i] = source[i];
-      infected += 0 * source[i];
+    Py_buffer array;
+    if (PyObject_GetBuffer(object.ptr(), &array, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0) {
+      PyErr_Clear();
+      return false;
     }
-    return infected == 0;
+    const bool fits = matches(array, slot);
+    double infected = 0;  // 0·x is 0 for every finite x, and NaN otherwise
+    if (fits) {
+      const std::size_t count = array.len / sizeof(double);
+      const double* source = static_cast<const double*>(array.buf);
+      double* target = next_.data() + slot.offset;
+      for (std::size_t i = 0; i < count; ++i) {
+        target[i] = source[i];
+        infected += 0 * source[i];
+      }
+    }
+    PyBuffer_Release(&array);
+    return fits && infected == 0;
+  }
+
+  static bool matches(const Py_buffer& array, const Slot& slot) {
+    if (array.format == nullptr || array.format[0] != 'd' || array.format[1] != 0) return false;
+    const int axes = slot.columns > 0 ? 2 : 1;
+    if (slot.rows == 0 || array.ndim != axes || array.shape[0] != slot.rows) return false;
+    return axes == 1 || array.shape[1] == slot.columns;
   }
 
   // The value checks of ForceProblem that a changed number could fail.

@@ -206,9 +206,13 @@ class Solution:
 
     @property
     def torque_margins(self) -> Array:
-        """Distance of every joint torque to its nearer limit, shape (n_joints,) [N·m]."""
-        tau = self.tau
-        return np.minimum(self.problem.tau_hi - tau, tau - self.problem.tau_lo)
+        """Distance of every joint torque to its nearer limit, shape (n_joints,) [N·m].
+
+        A joint that feels only contacts that are out of the grasp has left with them: inf.
+        """
+        problem, tau = self.problem, self.tau
+        margins = np.minimum(problem.tau_hi - tau, tau - problem.tau_lo)
+        return np.where(problem.counted_limits()[: len(tau)], margins, np.inf)
 
     @property
     def torque_residual(self) -> float:

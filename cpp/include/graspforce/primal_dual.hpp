@@ -69,18 +69,22 @@ class PrimalDual {
                              std::vector<double>& z) {
     relax();
     PhaseOneResult result;
-    bool proved = false;
+    bool proved = false, promising = false;
     while (result.steps < max_steps) {
       const double mu = complementarity();
       evaluate();
       factor();
       ++result.steps;
       // The step is affine in the target τ of the complementarity: aim at τ = 0, see how far that
-      // gets, and centre the more the less it does.
-      direction(0);
-      const double affine = step_limit();
-      const double lag = 1 - std::min(1.0, affine);
-      direction(std::max(kLeastCentering, lag * lag * lag) * mu);
+      // gets, and centre the more the less it does. Multipliers that promise a proof are centred
+      // fully: such a step is taken whole, and a whole step leaves no dual residual.
+      double centering = 1;
+      if (!promising) {
+        direction(0);
+        const double lag = 1 - std::min(1.0, step_limit());
+        centering = std::max(kLeastCentering, lag * lag * lag);
+      }
+      direction(centering * mu);
       const double step = std::min(1.0, 0.99 * step_limit());
       if (!std::isfinite(dsigma_) || step < kLeastStep) {  // rounding has the upper hand
         result.end = proved              ? PhaseOneResult::End::Infeasible
@@ -99,8 +103,9 @@ class PrimalDual {
         get_dual(y.data(), z.data());
         proved = proves_infeasible(blocks_.layout(), problem, y.data(), z.data());
       }
+      promising = !proved && bound > 0 && !promising;
       const double gap = complementarity() * degree_;
-      if (gap < kClosest || (proved && gap < kLeast * sigma_)) {
+      if (gap < kClosest || (proved && std::min(gap, sigma_ - bound) < kLeast * sigma_)) {
         result.end = proved ? PhaseOneResult::End::Infeasible : PhaseOneResult::End::Closest;
         break;
       }
@@ -465,7 +470,12 @@ class PrimalDual {
       }
       if (!outside) continue;
       std::fill(w.H, w.H + q * q, 0.0);
-      for (int r = 0; r < part(b).rows; ++r) add_outer(part(b).a + r * q, q, 1, w.H);
+      double size = 0;
+      for (int r = 0; r < part(b).rows; ++r) {
+        add_outer(part(b).a + r * q, q, 1, w.H);
+        size += dot(part(b).a + r * q, part(b).a + r * q, q);
+      }
+      for (int i = 0; i < q; ++i) w.H[i * (q + 1)] += 1e-13 * size;  // rows may be too few
       cholesky(w.H, q);
       forward_substitute(w.H, q, w.u);
       back_substitute(w.H, q, w.u);

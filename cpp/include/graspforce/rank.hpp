@@ -27,6 +27,8 @@ inline Rank examine_rank(const Layout& layout, const Problem& p) {
   const int k = layout.wrench_rows, m = layout.components();
   std::vector<double> Q(static_cast<std::size_t>(k) * m), f(p.f, p.f + k), size(k), length(k, 1);
   std::vector<bool> used(k, false);
+  double largest_f = 0;  // what rounding in f is measured by
+  for (int r = 0; r < k; ++r) largest_f = std::max(largest_f, std::abs(p.f[r]));
   for (int r = 0; r < k; ++r) {
     double sum = 0, largest = 0;
     for (int i = 0, c = 0; i < layout.contacts(); ++i)
@@ -71,7 +73,9 @@ inline Rank examine_rank(const Layout& layout, const Problem& p) {
     }
   }
   for (int r = 0; r < k; ++r)
-    if (!used[r] && std::abs(f[r]) > kReachTolerance * size[r]) rank.reachable = false;
+    if (!used[r] &&
+        std::abs(f[r]) * length[r] > kReachTolerance * std::max(size[r] * length[r], largest_f))
+      rank.reachable = false;
   return rank;
 }
 

@@ -1,0 +1,44 @@
+"""The README's snippets and commands do what it says."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", README.read_text(), re.S | re.M)
+COMMANDS = [line for _, block in BLOCKS for line in block.splitlines()]
+
+
+def test_the_python_snippets_run_in_one_session(capsys):
+    session: dict[str, object] = {}
+    snippets = [code for language, code in BLOCKS if language == "python"]
+    assert len(snippets) >= 2
+    for code in snippets:
+        exec(compile(code, str(README), "exec"), session)
+    assert capsys.readouterr().out.startswith("SOLVED")
+
+
+@pytest.mark.parametrize("line", [c for c in COMMANDS if c.startswith("graspforce ")])
+def test_the_commands_run(line, tmp_path):
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    command = [sys.executable, "-m", *shlex.split(line, comments=True)]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("line", [c for c in COMMANDS if c.startswith("make ")])
+def test_the_make_targets_exist(line):
+    target = shlex.split(line, comments=True)[1]
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M)
+
+
+def test_every_file_that_the_docs_link_to_exists():
+    for page in (README, *sorted((ROOT / "docs").glob("*.md"))):
+        for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+            if not link.startswith("http"):
+                assert (page.parent / link).exists(), f"{page.name}: {link}"
