@@ -582,7 +582,7 @@ class LaneBarrier {
     system_.solve(nu_);
     Lanes squared = {};
     each([&](auto& group) {
-      Lanes left[group.components];
+      Lanes left[std::decay_t<decltype(group)>::components];
       squared += group.residual(nu_, left);
     });
     return std::sqrt(sum(squared)) / (1 - lambda);
