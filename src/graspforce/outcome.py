@@ -31,7 +31,7 @@ class Outcome(Protocol):
 
     @property
     def newton_steps(self) -> int:
-        """Newton systems solved, those of Phase 1 included."""
+        """Newton steps taken, those of Phase 1 included."""
         ...
 
     @property

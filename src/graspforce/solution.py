@@ -87,7 +87,7 @@ class Solution:
 
     @property
     def newton_steps(self) -> int:
-        """Newton systems solved, those of Phase 1 included."""
+        """Newton steps taken, those of Phase 1 included."""
         return self._outcome.newton_steps
 
     @property
