@@ -325,7 +325,8 @@ def test_verify_finds_forces_that_are_no_numbers(solved):
 
 def test_verify_finds_wrong_statuses(solved, overloaded, unreachable):
     assert not forged(solved, status=gf.Status.INFEASIBLE).verify().ok
-    assert not forged(solved, status=gf.Status.WRENCH_UNREACHABLE).verify().ok
+    for c in (solved.c, np.zeros_like(solved.c)):  # no force at all makes no wrench either
+        assert not forged(solved, status=gf.Status.WRENCH_UNREACHABLE, c=c).verify().ok
     assert not forged(overloaded, status=gf.Status.SOLVED).verify().ok
     assert not forged(overloaded, y=None).verify().ok
     assert not forged(overloaded, z=np.zeros_like(forged(overloaded).certificate.z)).verify().ok

@@ -165,6 +165,18 @@ static void infeasible_ticks_are_proved_and_forgotten() {
   EXPECT(again.status == Status::Solved && again.newton_steps == good.newton_steps);
 }
 
+static void a_solve_between_ticks_leaves_no_numbers_behind() {
+  Cube cube(true), other(true);
+  for (int i = 0; i < 144; ++i) other.at(&Problem::J)[i] *= 1.5;
+  Engine engine(cube.layout), alone(cube.layout);
+  for (Engine* each : {&engine, &alone}) each->tick(cube.packed.data(), 1e-9, 200);
+  engine.solve(other.packed.data(), 1e-9, 200);
+  cube.at(&Problem::f)[0] = 0.3;
+  engine.tick(cube.packed.data(), 1e-9, 200, 0);
+  alone.tick(cube.packed.data(), 1e-9, 200, 0);
+  for (int c = 0; c < 12; ++c) EXPECT(engine.forces()[c] == alone.forces()[c]);
+}
+
 static void nonsense_gets_a_status() {
   for (double size : {1e-300, 1e-200, 1e-30, 1e30, 1e200, 1e300}) {
     Cube cube(true);
@@ -183,6 +195,7 @@ int main() {
   ticks_do_not_allocate();
   blocks_follow_the_pattern();
   infeasible_ticks_are_proved_and_forgotten();
+  a_solve_between_ticks_leaves_no_numbers_behind();
   nonsense_gets_a_status();
   if (failures == 0) std::printf("all core tests passed\n");
   return failures == 0 ? 0 : 1;

@@ -236,6 +236,15 @@ def decrement(c: Array, problem: ForceProblem) -> float:
     return math.sqrt(max(0.0, -float(reduced @ step)))
 
 
+def wrench_reachable(problem: ForceProblem) -> bool:
+    """Tell whether f is in the range of W, so that some contact force makes it (Eq. 17)."""
+    view = _View(problem)
+    c_p, _ = particular_and_nullspace(view.W, problem.f)
+    off = np.abs(view.W @ c_p - problem.f).max()
+    size = max(np.abs(problem.f).max(), (np.abs(view.W) @ np.abs(c_p)).max())
+    return bool(off <= 1e-9 * size)
+
+
 def violation_scales(problem: ForceProblem) -> tuple[Array, Array]:
     """What one unit of relative violation means, for each linear limit and each cone.
 
@@ -350,17 +359,12 @@ def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Pl
     layout = problem.layout
     if not (layout.joints or layout.ceilings or layout.inequalities):
         return _nothing(problem, Status.UNBOUNDED)
+    if not wrench_reachable(problem):
+        return _nothing(problem, Status.WRENCH_UNREACHABLE)
     if not problem.active.any():
-        if problem.f.any():
-            return _nothing(problem, Status.WRENCH_UNREACHABLE)
         return replace(_nothing(problem, Status.SOLVED), decrement=0.0)
     view = _View(problem)
     c_p, N = particular_and_nullspace(view.W, problem.f)
-    off = float(np.abs(view.W @ c_p - problem.f).max())
-    if off > 1e-9 * max(np.abs(problem.f).max(), (np.abs(view.W) @ np.abs(c_p)).max()):
-        return PlainOutcome(
-            Status.WRENCH_UNREACHABLE, 0, view.spread(c_p), np.zeros(len(problem.f))
-        )
     guess = c_p if start is None else c_p + N @ (N.T @ (start[view.kept] - c_p))
     steps = 0
     if not view.inside(guess):

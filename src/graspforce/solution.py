@@ -71,7 +71,8 @@ class Solution:
     def c(self) -> Array:
         """Contact forces in the contact frames, shape (m,) [N, N·m].
 
-        Strictly inside every limit when SOLVED; the force of least violation when INFEASIBLE.
+        Strictly inside every limit when SOLVED; the force of least violation when INFEASIBLE;
+        zero when WRENCH_UNREACHABLE or UNBOUNDED without any limit.
         """
         return self._outcome.c
 
@@ -136,7 +137,7 @@ class Solution:
             case Status.WRENCH_UNREACHABLE:
                 return (
                     "the wrench is outside the range of W: these contacts cannot make it, "
-                    f"whatever their forces (nearest is {self.wrench_error:.3g} off)"
+                    "whatever their forces"
                 )
             case Status.UNBOUNDED:
                 return (
@@ -244,7 +245,7 @@ class Solution:
             case Status.INFEASIBLE:
                 ok = bool(holds)
             case Status.WRENCH_UNREACHABLE:
-                ok = not balanced
+                ok = not reference.wrench_reachable(problem)
             case _:
                 ok = True
         return Verification(ok, wrench_error, friction, limits, decrement, holds)

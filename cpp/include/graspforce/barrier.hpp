@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "graspforce/blocks.hpp"
+#include "graspforce/schur.hpp"
 
 namespace graspforce {
 

@@ -67,6 +67,7 @@ class Engine {
   // Solves from `start` (m forces) where it is inside the limits, else from nothing.
   Result solve(const double* packed, double tol, int max_steps, const double* start = nullptr) {
     const Problem problem(offsets_, packed);
+    unseen_ = kChangedAll;  // the next tick's numbers are compared with these, not with its last
     return in_core(problem, kChangedAll, [&](auto& barrier, unsigned) {
       double lambda = kInfinity;
       if (start != nullptr) {
@@ -81,6 +82,8 @@ class Engine {
   // from the tick before.
   Result tick(const double* packed, double tol, int max_steps, unsigned changed = kChangedAll) {
     const Problem problem(offsets_, packed);
+    changed |= unseen_;
+    unseen_ = 0;
     const Result result = in_core(problem, changed, [&](auto& barrier, unsigned news) {
       if (news & kChangedRest) {
         for (int i = 0; i < layout_.contacts(); ++i)
@@ -175,10 +178,11 @@ class Engine {
   }
   void examine(Barrier&, const Problem& problem) { examine(blocks_, problem); }
 
-  // Decrement of the Newton step from the barrier's point; infinite outside the limits.
+  // Decrement of the Newton step from the barrier's point; infinite outside the limits, and when
+  // f turns out to be out of W's range.
   template <class AnyBarrier>
   double first_step(AnyBarrier& barrier, const Problem& problem) {
-    if (!barrier.evaluate()) return kInfinity;
+    if (unreachable_ || !barrier.evaluate()) return kInfinity;
     const double lambda = barrier.newton();
     if (rank_known_ || !(barrier.smallest_pivot() < kSuspectPivot)) return lambda;
     examine(barrier, problem);
@@ -242,15 +246,10 @@ class Engine {
   Result run(AnyBarrier& barrier, const Problem& problem, double lambda, double tol,
              int max_steps) {
     Result result;
-    if (unreachable_) return nothing(Status::WrenchUnreachable);
     if (lambda < kInfinity && newton(barrier, lambda, tol, max_steps, false, result)) return result;
-    if (!unreachable_) {
-      barrier.set_pushes(push(problem));
-      lambda = first_step(barrier, problem);
-      if (lambda < kInfinity && !unreachable_ &&
-          newton(barrier, lambda, tol, max_steps, false, result))
-        return result;
-    }
+    barrier.set_pushes(push(problem));
+    lambda = first_step(barrier, problem);
+    if (lambda < kInfinity && newton(barrier, lambda, tol, max_steps, false, result)) return result;
     if (!rank_known_) examine(barrier, problem);
     if (unreachable_) return nothing(Status::WrenchUnreachable);
     std::fill(nu_.begin(), nu_.end(), 0.0);
@@ -287,15 +286,15 @@ class Engine {
   template <class AnyBarrier>
   bool newton(AnyBarrier& barrier, double lambda, double tol, int max_steps, bool balanced,
               Result& result) {
-    const Newton newton = minimise(barrier, lambda, tol, max_steps, balanced);
-    result.newton_steps += newton.steps;
+    const Newton outcome = minimise(barrier, lambda, tol, max_steps, balanced);
+    result.newton_steps += outcome.steps;
     using End = Newton::End;
-    result.status = newton.end == End::Certified  ? Status::Solved
-                    : newton.end == End::Overflow ? Status::InvalidNumbers
-                    : newton.end == End::Steps    ? Status::MaxSteps
-                                                  : Status::Stalled;
+    result.status = outcome.end == End::Certified  ? Status::Solved
+                    : outcome.end == End::Overflow ? Status::InvalidNumbers
+                    : outcome.end == End::Steps    ? Status::MaxSteps
+                                                   : Status::Stalled;
     if (!balanced && result.status != Status::Solved) return false;
-    result.decrement = newton.bound;
+    result.decrement = outcome.bound;
     barrier.get_forces(c_.data());
     barrier.get_multipliers(nu_.data());
     return result.status == Status::Solved;
@@ -319,7 +318,8 @@ class Engine {
   std::vector<double> c_, nu_, y_, z_, guess_, ceiling_;
   Past past_[2];
   int newest_ = 0, known_ = 0;
-  int steady_ = 0;  // ticks since the ceilings may last have changed
+  int steady_ = 0;                 // ticks since the ceilings may last have changed
+  unsigned unseen_ = kChangedAll;  // what the next tick has to load whatever it is told
   Rank rank_;
   bool by_lanes_ = false, rank_known_ = false, was_deficient_ = false, unreachable_ = false;
 };

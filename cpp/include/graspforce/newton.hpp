@@ -1,9 +1,9 @@
 // Newton's method on Phi (Section III-C.4): the loop that the whole library turns around.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 
-#include "graspforce/certificate.hpp"
 #include "graspforce/cone.hpp"
 
 namespace graspforce {
@@ -43,36 +43,35 @@ inline constexpr int kPatience = 12, kTerm = 25;
 template <class Barrier>
 Newton minimise(Barrier& barrier, double lambda, double tol, int max_steps, bool balanced) {
   Newton result;
+  auto stop = [&result](Newton::End end) {
+    result.end = end;
+    return result;
+  };
   for (;;) {
     ++result.steps;
-    if (!std::isfinite(lambda)) {
-      result.end = Newton::End::Overflow;
-      return result;
-    }
+    if (!std::isfinite(lambda)) return stop(Newton::End::Overflow);
     double taken = lambda < 0.25 ? 1 : std::min(1.0, 0.9 * barrier.step_limit());
     barrier.advance(taken);
     result.bound = taken == 1 ? decrement_after(lambda) : kInfinity;
     if (result.bound < kInfinity && result.bound * result.bound / 2 > tol)
       result.bound = std::min(result.bound, barrier.decrement_bound(lambda));
-    if (result.bound * result.bound / 2 <= tol && barrier.wrench_error() < 1e-10) {
-      result.end = barrier.inside() ? Newton::End::Certified : Newton::End::Boundary;
-      return result;
-    }
+    if (result.bound * result.bound / 2 <= tol && barrier.wrench_error() < 1e-10)
+      return stop(barrier.inside() ? Newton::End::Certified : Newton::End::Boundary);
 
     // While W c = f is being restored Phi may well rise, and there is nothing to hold a step to.
     const double safe = balanced ? 1 / (1 + lambda) : taken;
-    while (barrier.evaluate() && taken > safe && barrier.slope() > 0.5 * lambda * lambda) {
+    bool inside = barrier.evaluate();
+    while (inside && taken > safe && barrier.slope() > 0.5 * lambda * lambda) {
       const double shorter = std::max(safe, taken / 2);
       barrier.advance(shorter - taken);
       taken = shorter;
+      inside = barrier.evaluate();
     }
     balanced = balanced || taken == 1;
-    result.end = !barrier.inside()                            ? Newton::End::Boundary
-                 : result.steps >= max_steps                  ? Newton::End::Steps
-                 : !balanced && result.steps >= kPatience     ? Newton::End::Astray
-                 : result.steps >= kTerm && result.bound >= 1 ? Newton::End::Slow
-                                                              : Newton::End::Certified;
-    if (result.end != Newton::End::Certified) return result;
+    if (!inside) return stop(Newton::End::Boundary);
+    if (result.steps >= max_steps) return stop(Newton::End::Steps);
+    if (!balanced && result.steps >= kPatience) return stop(Newton::End::Astray);
+    if (result.steps >= kTerm && result.bound >= 1) return stop(Newton::End::Slow);
     lambda = barrier.newton();
   }
 }

@@ -20,6 +20,7 @@
 
 #include "graspforce/blocks.hpp"
 #include "graspforce/certificate.hpp"
+#include "graspforce/schur.hpp"
 
 namespace graspforce {
 

@@ -55,7 +55,7 @@ class Structure {
       if (any_under(outside_A_, p.A)) return false;
     }
     if (changed & kChangedJacobian && any_under(outside_J_, p.J)) return false;
-    return all_in_grasp_ || same_limits_count(p);
+    return all_in_grasp_ || !(changed & (kChangedJacobian | kChangedRest)) || same_limits_count(p);
   }
 
   void find(const Problem& p) {

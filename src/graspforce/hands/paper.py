@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce._arrays import Array, as_array, as_positive
-from graspforce.contact import FPC, SFC, Contact
+from graspforce.contact import FPC, SFC, Contact, as_contacts
 from graspforce.errors import InvalidInputError
 
 BaseAxis: TypeAlias = Literal["palm_normal", "radial"]
@@ -177,13 +177,11 @@ class PaperHand:
         Raises:
             InvalidInputError: not four contacts, or one that is not at its fingertip.
         """
+        contacts = as_contacts(contacts)
         if len(contacts) != 4:
             raise InvalidInputError(
                 f"contacts: got {len(contacts)}, expected 4, the i-th made by finger i"
             )
-        for i, contact in enumerate(contacts):
-            if not isinstance(contact, Contact):  # pyright: ignore[reportUnnecessaryIsInstance]
-                raise InvalidInputError(f"contacts[{i}]: got {contact!r}, expected a Contact")
         pose = self._pose(q)
         points = np.array([contact.point for contact in contacts])
         gaps = np.linalg.norm(points - pose.tip, axis=1)

@@ -13,6 +13,7 @@ the height of the grasp at rest, with which the figures come out.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Literal
 
 from graspforce.contact import PCWF
@@ -112,16 +113,10 @@ def regrasp(
         duration: [s].
     """
     away = Release(finger=0, leave=0.5, back=1.5, ramp=0.25)
-    return Scenario(
+    return replace(
+        dynamic(alpha, hand=hand, mu=mu, rate=rate, duration=duration),
         name="regrasp",
         summary="the cube carried round a circle, finger 1 away for a second (Section IV-B.2)",
-        cube=CUBE,
-        hand=hand,
-        contacts=CUBE.side_contacts(PCWF(mu)),
-        motion=CIRCLE,
-        alpha=alpha,
         c_max=c_max,
         schedule=Schedule(contacts=4, releases=(away,), shape=shape),
-        rate=rate,
-        duration=duration,
     )
