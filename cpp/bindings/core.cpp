@@ -1,14 +1,18 @@
 // The compiled module graspforce._core: translation between Python and the core, nothing else.
 // It is built once for each instruction set, under the name GRASPFORCE_MODULE.
+#define NPY_NO_DEPRECATED_API NPY_2_0_API_VERSION
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/vector.h>
+#include <numpy/arrayobject.h>
 
 #include <array>
-#include <cmath>
+#include <cstdint>
+#include <cstring>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <vector>
 
 #include "graspforce/engine.hpp"
@@ -35,6 +39,19 @@ Layout make_layout(int wrench_rows, const std::vector<int>& dims, int joints, in
 }
 
 std::size_t packed_size(const Layout& layout) { return Offsets(layout).size; }
+
+// Releases the interpreter's lock, unless the problem is so small that the core is done before
+// another thread could take the lock; to hand it over and back costs a quarter of a small tick.
+class Release {
+ public:
+  explicit Release(const Layout& layout) {
+    if (layout.components() > kSmall) release_.emplace();
+  }
+
+ private:
+  static constexpr int kSmall = 32;
+  std::optional<nb::gil_scoped_release> release_;
+};
 
 // The numbers of one solve, copied out of the engine: forces, multipliers, certificate, and for a
 // tick a snapshot of its problem. One allocation.
@@ -88,7 +105,7 @@ auto proof(const double* (Outcome::*data)() const, std::size_t Outcome::* size) 
   };
 }
 
-// Keyword fields of a tick, in the order of Servo.step.
+// Fields of a tick, in the order of Servo.step.
 enum Field {
   kF,
   kW,
@@ -107,113 +124,186 @@ enum Field {
 
 class Servo {
  public:
+  // `statuses` are the members of graspforce.Status in their order; `refuse` gets the numbers that
+  // do not make a problem and raises an error that says why; `solution` and `shape` are
+  // graspforce.Solution and its second argument.
   Servo(int wrench_rows, const std::vector<int>& dims, int joints, int inequalities, bool ceilings,
-        bool floors, Vector packed, double tol, int max_steps)
+        bool floors, Vector packed, double tol, int max_steps, double budget_us,
+        const std::vector<nb::object>& statuses, nb::object refuse, nb::object solution,
+        nb::object shape)
       : engine_(make_layout(wrench_rows, dims, joints, inequalities, ceilings, floors)),
-        tol_(tol),
-        max_steps_(max_steps),
-        now_(packed.data(), packed.data() + packed.size()),
-        next_(now_) {
+        at_(engine_.layout()),
+        settings_{tol, max_steps, budget_us},
+        statuses_(statuses),
+        refuse_(std::move(refuse)),
+        solution_(std::move(solution)),
+        shape_(std::move(shape)),
+        numbers_(packed.data(), packed.data() + packed.size()),
+        now_(numbers_),
+        next_(numbers_) {
     const Layout& layout = engine_.layout();
-    const Offsets at(layout);
     const int n = layout.contacts(), m = layout.components(), k = wrench_rows;
     auto place = [&](Field field, std::size_t offset, int rows, int columns) {
       slots_[field] = {offset, rows, columns};
     };
-    place(kF, at.f, k, 0);
+    place(kF, at_.f, k, 0);
     place(kW, 0, k, m);
-    place(kJ, at.J, m, joints);
-    place(kTauLo, at.tau_lo, joints, 0);
-    place(kTauHi, at.tau_hi, joints, 0);
-    place(kTauBias, at.tau_bias, joints, 0);
-    place(kCMax, at.c_max, ceilings ? n : 0, 0);
-    place(kCMin, at.c_min, floors ? n : 0, 0);
-    place(kEngagement, at.engagement, n, 0);
-    place(kA, at.A, inequalities, m);
-    place(kB, at.b, inequalities, 0);
+    place(kJ, at_.J, m, joints);
+    place(kTauLo, at_.tau_lo, joints, 0);
+    place(kTauHi, at_.tau_hi, joints, 0);
+    place(kTauBias, at_.tau_bias, joints, 0);
+    place(kCMax, at_.c_max, ceilings ? n : 0, 0);
+    place(kCMin, at_.c_min, floors ? n : 0, 0);
+    place(kEngagement, at_.engagement, n, 0);
+    place(kA, at_.A, inequalities, m);
+    place(kB, at_.b, inequalities, 0);
   }
 
-  // Takes changed fields that are plainly fine and solves; None, with nothing changed, when any
-  // is not a float64 array of the field's shape or might not be valid: Python looks closer.
-  std::optional<Outcome> step(nb::object f, nb::object W, nb::object J, nb::object tau_lo,
-                              nb::object tau_hi, nb::object tau_bias, nb::object c_max,
-                              nb::object c_min, nb::object engagement, nb::object A, nb::object b,
-                              nb::object alpha) {
-    const nb::object* given[kFields] = {&f,     &W,     &J,          &tau_lo, &tau_hi, &tau_bias,
-                                        &c_max, &c_min, &engagement, &A,      &b,      &alpha};
-    bool fine = alpha.is_none();
-    unsigned changed = 0;
-    for (int field = 0; field < kAlpha && fine; ++field) {
-      if (given[field]->is_none()) continue;
-      fine = stage(*given[field], slots_[field]);
-      changed |= field == kF   ? 0u
-                 : field == kW ? kChangedMap
-                 : field == kJ ? kChangedJacobian
-                               : kChangedRest;
+  // Solves from the numbers as they stand in `numbers()`; the verdict.
+  nb::object tick() {
+    const Turn turn(busy_);
+    const bool finite = collect();
+    compare();
+    if (!finite || !plausible()) {
+      refuse_(copy(numbers_));
+      throw nb::value_error("the numbers of the tick do not make a problem");
     }
-    if (!fine || (changed & kChangedRest && !plausible())) {
-      std::copy(now_.begin(), now_.end(), next_.begin());
-      return std::nullopt;
-    }
-    return solve(changed);
+    return statuses_[static_cast<int>(solve().status)];
+  }
+
+  // Takes changed fields that are plainly fine and solves, for a Solution; None, with nothing
+  // changed, when any is not a float64 array of the field's shape or might not be valid: Python
+  // looks closer.
+  nb::object step(PyObject* const* given) {
+    const Turn turn(busy_);
+    if (given[kAlpha] != Py_None || !collect()) return nb::none();
+    for (int field = 0; field < kAlpha; ++field)
+      if (given[field] != Py_None && !stage(given[field], slots_[field])) return nb::none();
+    compare();
+    if (!plausible()) return nb::none();
+    for (int field = 0; field < kAlpha; ++field)
+      if (given[field] != Py_None) slots_[field].copy(next_, numbers_);
+    return make_solution(nb::cast(outcome(solve())));
   }
 
   Outcome step_problem(Vector packed) {
-    if (packed.size() != now_.size()) throw nb::value_error("packed: wrong size");
+    if (packed.size() != numbers_.size()) throw nb::value_error("packed: wrong size");
+    const Turn turn(busy_);
     std::copy_n(packed.data(), packed.size(), next_.begin());
-    return solve(kChangedAll);
+    numbers_ = next_;
+    compare();
+    return outcome(solve());
   }
 
-  void reset() { engine_.reset(); }
-
-  NumpyVector packed() const {
-    auto* copy = new std::vector<double>(now_);
-    nb::capsule owner(copy, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
-    return NumpyVector(copy->data(), {copy->size()}, owner);
+  // What the last tick found, if there was one.
+  std::optional<Outcome> last() const {
+    if (!ticked_) return std::nullopt;
+    return outcome(result_);
   }
+
+  void reset() {
+    const Turn turn(busy_);
+    engine_.reset();
+  }
+
+  std::vector<double>& numbers() { return numbers_; }
+  const Engine& engine() const { return engine_; }
+  nb::object packed() const { return copy(now_); }
 
  private:
   struct Slot {
     std::size_t offset = 0;
     int rows = 0, columns = 0;  // columns 0: a vector
+
+    std::size_t size() const { return std::size_t(rows) * (columns > 0 ? columns : 1); }
+    void copy(const std::vector<double>& from, std::vector<double>& to) const {
+      std::copy_n(from.begin() + offset, size(), to.begin() + offset);
+    }
   };
 
+  // The interpreter's lock may be released while the core works: a second thread could get here.
+  class Turn {
+   public:
+    explicit Turn(bool& busy) : busy_(busy) {
+      if (busy) throw std::runtime_error("this Servo is at work in another thread");
+      busy = true;
+    }
+    ~Turn() { busy_ = false; }
+    Turn(const Turn&) = delete;
+
+   private:
+    bool& busy_;
+  };
+
+  static nb::object copy(const std::vector<double>& numbers) {
+    auto* own = new std::vector<double>(numbers);
+    nb::capsule owner(own, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
+    return nb::cast(NumpyVector(own->data(), {own->size()}, owner));
+  }
+
+  // Sets out from the numbers as they stand; false unless all of them are finite.
+  bool collect() { return copy_finite(numbers_.data(), next_.data(), numbers_.size()); }
+
+  static bool copy_finite(const double* from, double* to, std::size_t count) {
+    // In whole numbers, which may be compared in any order: a chain of sums would be the slowest
+    // part of a tick. All bits of the exponent set means infinite or not a number.
+    constexpr std::uint64_t kExponent = std::uint64_t{0x7ff} << 52;
+    std::uint64_t infected = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      std::uint64_t bits;
+      std::memcpy(&bits, from + i, sizeof bits);
+      std::memcpy(to + i, &bits, sizeof bits);
+      infected |= (bits & kExponent) == kExponent;
+    }
+    return infected == 0;
+  }
+
   // Copies an array into its field of the next problem; false unless it is a C-contiguous array of
-  // finite float64 numbers in the field's exact shape. By the buffer protocol: it takes a quarter
-  // of the time that a conversion to an nb::ndarray does.
-  bool stage(const nb::object& object, const Slot& slot) {
-    Py_buffer array;
-    if (PyObject_GetBuffer(object.ptr(), &array, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT) != 0) {
-      PyErr_Clear();
-      return false;
-    }
-    const bool fits = matches(array, slot);
-    double infected = 0;  // 0·x is 0 for every finite x, and NaN otherwise
-    if (fits) {
-      const std::size_t count = array.len / sizeof(double);
-      const double* source = static_cast<const double*>(array.buf);
-      double* target = next_.data() + slot.offset;
-      for (std::size_t i = 0; i < count; ++i) {
-        target[i] = source[i];
-        infected += 0 * source[i];
-      }
-    }
-    PyBuffer_Release(&array);
-    return fits && infected == 0;
+  // finite float64 numbers in the field's exact shape. By NumPy's own interface: the general ones
+  // take longer than the Newton step.
+  bool stage(PyObject* object, const Slot& slot) {
+    if (!PyArray_CheckExact(object)) return false;
+    auto* array = reinterpret_cast<PyArrayObject*>(object);
+    return PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY_RO(array) &&
+           matches(PyArray_NDIM(array), PyArray_DIMS(array), slot) &&
+           copy_finite(static_cast<const double*>(PyArray_DATA(array)), next_.data() + slot.offset,
+                       slot.size());
   }
 
-  static bool matches(const Py_buffer& array, const Slot& slot) {
-    if (array.format == nullptr || array.format[0] != 'd' || array.format[1] != 0) return false;
-    const int axes = slot.columns > 0 ? 2 : 1;
-    if (slot.rows == 0 || array.ndim != axes || array.shape[0] != slot.rows) return false;
-    return axes == 1 || array.shape[1] == slot.columns;
+  static bool matches(int axes, const npy_intp* shape, const Slot& slot) {
+    if (slot.rows == 0 || axes != (slot.columns > 0 ? 2 : 1)) return false;
+    return shape[0] == slot.rows && (axes == 1 || shape[1] == slot.columns);
   }
 
-  // The value checks of ForceProblem that a changed number could fail.
+  // A graspforce.Solution, without the call of its __init__: that takes longer than the Newton
+  // step.
+  nb::object make_solution(const nb::object& outcome) const {
+    auto* type = reinterpret_cast<PyTypeObject*>(solution_.ptr());
+    nb::object solution = nb::steal(type->tp_alloc(type, 0));
+    if (!solution.is_valid() ||
+        PyObject_GenericSetAttr(solution.ptr(), outcome_name_.ptr(), outcome.ptr()) != 0 ||
+        PyObject_GenericSetAttr(solution.ptr(), problem_name_.ptr(), shape_.ptr()) != 0)
+      nb::raise_python_error();
+    return solution;
+  }
+
+  bool differ(std::size_t begin, std::size_t end) const {
+    return std::memcmp(now_.data() + begin, next_.data() + begin, (end - begin) * sizeof(double));
+  }
+
+  // Finds what differs from the last tick.
+  void compare() {
+    changed_ = (differ(0, at_.f) ? kChangedMap : 0u) |
+               (differ(at_.J, at_.tau_lo) ? kChangedJacobian : 0u) |
+               (differ(at_.tau_lo, at_.size) ? kChangedRest : 0u);
+  }
+
+  // The value checks of ForceProblem that what differs could fail.
   bool plausible() const {
+    if (!(changed_ & kChangedRest)) return true;
     const Layout& layout = engine_.layout();
-    const Problem p(layout, next_.data());
-    bool fine = true;
+    const Problem p(at_, next_.data());
+    bool fine = *p.alpha > 0;
     for (int j = 0; j < layout.joints; ++j) fine &= p.tau_lo[j] < p.tau_hi[j];
     for (int i = 0; i < layout.contacts(); ++i) {
       fine &= p.engagement[i] >= 0 && p.engagement[i] <= 1;
@@ -225,23 +315,55 @@ class Servo {
     return fine;
   }
 
-  Outcome solve(unsigned changed) {
+  // Solves the next problem, which is fine.
+  const Result& solve() {
     now_.swap(next_);
-    Result result;
-    {
-      nb::gil_scoped_release release;
-      result = engine_.tick(now_.data(), tol_, max_steps_, changed);
-      std::copy(now_.begin(), now_.end(), next_.begin());
-    }
+    ticked_ = true;
+    const Release release(engine_.layout());
+    return result_ = engine_.tick(now_.data(), settings_, changed_);
+  }
+
+  Outcome outcome(const Result& result) const {
     return Outcome(engine_, result, now_.data(), now_.size());
   }
 
   Engine engine_;
-  double tol_;
-  int max_steps_;
-  std::vector<double> now_, next_;
+  Offsets at_;
+  Settings settings_;
+  std::vector<nb::object> statuses_;
+  nb::object refuse_, solution_, shape_;
+  nb::object outcome_name_ = nb::steal(PyUnicode_InternFromString("_outcome"));
+  nb::object problem_name_ = nb::steal(PyUnicode_InternFromString("_problem"));
+  std::vector<double> numbers_;     // as Python sees and writes them
+  std::vector<double> now_, next_;  // of the last tick, and of the one that is being made
   std::array<Slot, kAlpha> slots_;
+  unsigned changed_ = kChangedAll;
+  Result result_;
+  bool ticked_ = false, busy_ = false;
 };
+
+// Servo.step for the interpreter, called with an array of its arguments: nanobind's dispatch of
+// twelve of them takes as long as the tick itself.
+PyObject* servo_step(PyObject* self, PyObject* const* arguments, Py_ssize_t count) noexcept {
+  if (count != kFields) {
+    PyErr_Format(PyExc_TypeError, "step() takes %d arguments, got %zd", int(kFields), count);
+    return nullptr;
+  }
+  try {
+    return nb::inst_ptr<Servo>(self)->step(arguments).release().ptr();
+  } catch (nb::python_error& error) {
+    error.restore();
+  } catch (const std::exception& error) {
+    PyErr_SetString(PyExc_RuntimeError, error.what());
+  }
+  return nullptr;
+}
+
+PyMethodDef servo_methods[] = {
+    {"step", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(servo_step)), METH_FASTCALL,
+     nullptr},
+    {nullptr, nullptr, 0, nullptr}};
+PyType_Slot servo_slots[] = {{Py_tp_methods, servo_methods}, {0, nullptr}};
 
 class Solver {
  public:
@@ -249,14 +371,16 @@ class Solver {
          bool floors)
       : engine_(make_layout(wrench_rows, dims, joints, inequalities, ceilings, floors)) {}
 
-  Outcome solve(Vector packed, double tol, int max_steps, std::optional<Vector> start) {
+  Outcome solve(Vector packed, double tol, int max_steps, double budget_us,
+                std::optional<Vector> start) {
     if (packed.size() != packed_size(engine_.layout())) throw nb::value_error("packed: wrong size");
     if (start && int(start->size()) != engine_.layout().components())
       throw nb::value_error("start: wrong size");
     Result result;
     {
-      nb::gil_scoped_release release;
-      result = engine_.solve(packed.data(), tol, max_steps, start ? start->data() : nullptr);
+      const Release release(engine_.layout());
+      result = engine_.solve(packed.data(), {tol, max_steps, budget_us},
+                             start ? start->data() : nullptr);
     }
     return Outcome(engine_, result, nullptr, 0);
   }
@@ -269,6 +393,7 @@ class Solver {
 }  // namespace graspforce
 
 NB_MODULE(GRASPFORCE_MODULE, module) {
+  if (PyArray_ImportNumPyAPI() < 0) nb::raise_python_error();
   using graspforce::field;
   using graspforce::Outcome;
   using graspforce::proof;
@@ -287,11 +412,13 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       },
       "Whether this processor runs the module built for AVX2 and FMA.");
 
-  nb::class_<Outcome>(module, "Outcome")
+  nb::class_<Outcome>(module, "Outcome", nb::pooled())
       .def_prop_ro("status", [](const Outcome& o) { return static_cast<int>(o.result.status); })
       .def_prop_ro("newton_steps", [](const Outcome& o) { return o.result.newton_steps; })
       .def_prop_ro("decrement", [](const Outcome& o) { return o.result.decrement; })
       .def_prop_ro("violation", [](const Outcome& o) { return o.result.violation; })
+      .def_prop_ro("start", [](const Outcome& o) { return static_cast<int>(o.result.start); })
+      .def_prop_ro("elapsed_us", [](const Outcome& o) { return o.result.elapsed_us; })
       .def_prop_ro("c", field(&Outcome::c, &Outcome::m))
       .def_prop_ro("nu", field(&Outcome::nu, &Outcome::k))
       .def_prop_ro("y", proof(&Outcome::y, &Outcome::k))
@@ -301,16 +428,33 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
   nb::class_<Solver>(module, "Solver")
       .def(nb::init<int, std::vector<int>, int, int, bool, bool>(), "wrench_rows"_a, "dims"_a,
            "joints"_a, "inequalities"_a, "ceilings"_a, "floors"_a)
-      .def("solve", &Solver::solve, "packed"_a, "tol"_a, "max_steps"_a, "start"_a.none());
+      .def("solve", &Solver::solve, "packed"_a, "tol"_a, "max_steps"_a, "budget_us"_a,
+           "start"_a.none());
 
-  nb::class_<Servo>(module, "Servo")
-      .def(nb::init<int, std::vector<int>, int, int, bool, bool, graspforce::Vector, double, int>(),
+  using Numbers = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
+  nb::class_<Servo>(module, "Servo", nb::type_slots(graspforce::servo_slots))
+      .def(nb::init<int, std::vector<int>, int, int, bool, bool, graspforce::Vector, double, int,
+                    double, std::vector<nb::object>, nb::object, nb::object, nb::object>(),
            "wrench_rows"_a, "dims"_a, "joints"_a, "inequalities"_a, "ceilings"_a, "floors"_a,
-           "packed"_a, "tol"_a, "max_steps"_a)
-      .def("step", &Servo::step, "f"_a.none(), "W"_a.none(), "J"_a.none(), "tau_lo"_a.none(),
-           "tau_hi"_a.none(), "tau_bias"_a.none(), "c_max"_a.none(), "c_min"_a.none(),
-           "engagement"_a.none(), "A"_a.none(), "b"_a.none(), "alpha"_a.none())
+           "packed"_a, "tol"_a, "max_steps"_a, "budget_us"_a, "statuses"_a, "refuse"_a,
+           "solution"_a, "shape"_a)
+      .def("tick", &Servo::tick)
       .def("step_problem", &Servo::step_problem, "packed"_a)
+      .def("last", &Servo::last)
       .def("reset", &Servo::reset)
-      .def_prop_ro("packed", &Servo::packed, nb::rv_policy::automatic);
+      .def_prop_ro("packed", &Servo::packed)
+      .def_prop_ro("numbers",
+                   [](nb::handle_t<Servo> self) {
+                     std::vector<double>& numbers = nb::cast<Servo&>(self).numbers();
+                     return Numbers(numbers.data(), {numbers.size()}, self);
+                   })
+      .def_prop_ro("c",
+                   [](nb::handle_t<Servo> self) {
+                     const graspforce::Engine& engine = nb::cast<Servo&>(self).engine();
+                     return graspforce::view(self, engine.forces(), engine.layout().components());
+                   })
+      .def_prop_ro("nu", [](nb::handle_t<Servo> self) {
+        const graspforce::Engine& engine = nb::cast<Servo&>(self).engine();
+        return graspforce::view(self, engine.multipliers(), engine.layout().wrench_rows);
+      });
 }

@@ -19,6 +19,8 @@ void operator delete(void* p, std::size_t) noexcept { std::free(p); }
 
 using namespace graspforce;
 
+static const Settings kSettings{1e-9, 200};
+
 static int failures = 0;
 #define EXPECT(condition)                                         \
   do {                                                            \
@@ -121,15 +123,52 @@ static void ticks_do_not_allocate() {
   Engine engine(cube.layout);
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
-  EXPECT(engine.tick(cube.packed.data(), 1e-9, 200).status == Status::Solved);
-  EXPECT(engine.solve(cube.packed.data(), 1e-9, 200).status == Status::Solved);
+  EXPECT(engine.tick(cube.packed.data(), kSettings).status == Status::Solved);
+  EXPECT(engine.solve(cube.packed.data(), kSettings).status == Status::Solved);
   const long before = allocations;
   for (int tick = 0; tick < 2000; ++tick) {
     for (int r = 0; r < 3; ++r) cube.at(&Problem::f)[r] += 0.01 * normal(random);
-    EXPECT(engine.tick(cube.packed.data(), 1e-9, 200).status == Status::Solved);
+    EXPECT(engine.tick(cube.packed.data(), kSettings).status == Status::Solved);
   }
-  EXPECT(engine.solve(cube.packed.data(), 1e-9, 200).status == Status::Solved);
+  EXPECT(engine.solve(cube.packed.data(), kSettings).status == Status::Solved);
   EXPECT(allocations == before);
+}
+
+static void contacts_leave_and_return_without_allocation() {
+  for (bool deficient : {false, true}) {
+    Cube cube(true);
+    if (deficient)  // nothing turns the cube about z
+      for (int c = 0; c < 12; ++c) cube.at(&Problem::W)[5 * 12 + c] = 0;
+    Engine engine(cube.layout);
+    EXPECT(engine.tick(cube.packed.data(), kSettings).status == Status::Solved);
+    const long before = allocations;
+    for (int tick = 0; tick < 400; ++tick) {
+      const int finger = tick / 100;
+      cube.at(&Problem::engagement)[finger] = std::abs((tick % 100) / 50.0 - 1);
+      if (tick % 100 == 50) cube.at(&Problem::engagement)[finger] = 0;
+      EXPECT(engine.tick(cube.packed.data(), kSettings).status == Status::Solved);
+    }
+    EXPECT(allocations == before);
+  }
+}
+
+static void a_budget_ends_a_tick_with_forces_that_hold() {
+  Cube cube(true);
+  cube.at(&Problem::f)[0] = 3, cube.at(&Problem::alpha)[0] = 100;  // far from pure pushes
+  Engine engine(cube.layout);
+  const Result free = engine.solve(cube.packed.data(), kSettings);
+  EXPECT(free.status == Status::Solved && free.newton_steps > 3 && free.elapsed_us == 0);
+  for (int steps = 1; steps < free.newton_steps; ++steps) {
+    const Result cut = engine.solve(cube.packed.data(), {1e-9, steps});
+    EXPECT(cut.status == Status::MaxSteps && cut.newton_steps == steps);
+    for (int i = 0; i < 4; ++i)
+      EXPECT(0.5 * engine.forces()[3 * i] > lorentz::radius(engine.forces() + 3 * i, 3));
+  }
+  const Result hasty = engine.solve(cube.packed.data(), {1e-9, 200, 1e-6});
+  EXPECT(hasty.status == Status::MaxSteps && hasty.newton_steps == 1 && hasty.elapsed_us > 0);
+  const Result timed = engine.solve(cube.packed.data(), {1e-9, 200, 1e9});
+  EXPECT(timed.status == Status::Solved && timed.newton_steps == free.newton_steps);
+  EXPECT(timed.elapsed_us > 0);
 }
 
 static void blocks_follow_the_pattern() {
@@ -152,16 +191,16 @@ static void blocks_follow_the_pattern() {
 static void infeasible_ticks_are_proved_and_forgotten() {
   Cube cube(true);
   Engine engine(cube.layout);
-  const Result good = engine.tick(cube.packed.data(), 1e-9, 200);
+  const Result good = engine.tick(cube.packed.data(), kSettings);
   std::vector<double> heavy = cube.packed;
   const_cast<double*>(Problem(cube.layout, heavy.data()).f)[2] = 500;
-  const Result bad = engine.tick(heavy.data(), 1e-9, 200);
+  const Result bad = engine.tick(heavy.data(), kSettings);
   EXPECT(bad.status == Status::Infeasible && bad.violation > 0);
   EXPECT(proves_infeasible(cube.layout, Problem(cube.layout, heavy.data()), engine.certificate_y(),
                            engine.certificate_z()));
   EXPECT(!proves_infeasible(cube.layout, Problem(cube.layout, cube.packed.data()),
                             engine.certificate_y(), engine.certificate_z()));
-  const Result again = engine.tick(cube.packed.data(), 1e-9, 200);
+  const Result again = engine.tick(cube.packed.data(), kSettings);
   EXPECT(again.status == Status::Solved && again.newton_steps == good.newton_steps);
 }
 
@@ -169,11 +208,11 @@ static void a_solve_between_ticks_leaves_no_numbers_behind() {
   Cube cube(true), other(true);
   for (int i = 0; i < 144; ++i) other.at(&Problem::J)[i] *= 1.5;
   Engine engine(cube.layout), alone(cube.layout);
-  for (Engine* each : {&engine, &alone}) each->tick(cube.packed.data(), 1e-9, 200);
-  engine.solve(other.packed.data(), 1e-9, 200);
+  for (Engine* each : {&engine, &alone}) each->tick(cube.packed.data(), kSettings);
+  engine.solve(other.packed.data(), kSettings);
   cube.at(&Problem::f)[0] = 0.3;
-  engine.tick(cube.packed.data(), 1e-9, 200, 0);
-  alone.tick(cube.packed.data(), 1e-9, 200, 0);
+  engine.tick(cube.packed.data(), kSettings, 0);
+  alone.tick(cube.packed.data(), kSettings, 0);
   for (int c = 0; c < 12; ++c) EXPECT(engine.forces()[c] == alone.forces()[c]);
 }
 
@@ -183,7 +222,7 @@ static void nonsense_gets_a_status() {
     for (double& value : cube.packed) value *= size;
     for (int i = 0; i < 4; ++i) cube.at(&Problem::engagement)[i] = 1;
     Engine engine(cube.layout);
-    const Result result = engine.solve(cube.packed.data(), 1e-9, 50);
+    const Result result = engine.solve(cube.packed.data(), {1e-9, 50});
     if (result.status == Status::Solved)
       for (int c = 0; c < 12; ++c) EXPECT(std::isfinite(engine.forces()[c]));
   }
@@ -193,6 +232,8 @@ int main() {
   step_to_the_boundary();
   scaling_maps_slack_to_multiplier();
   ticks_do_not_allocate();
+  contacts_leave_and_return_without_allocation();
+  a_budget_ends_a_tick_with_forces_that_hold();
   blocks_follow_the_pattern();
   infeasible_ticks_are_proved_and_forgotten();
   a_solve_between_ticks_leaves_no_numbers_behind();

@@ -35,7 +35,7 @@ from graspforce.errors import (
 )
 from graspforce.grasp import Grasp
 from graspforce.grasp_map import grasp_map
-from graspforce.outcome import Status
+from graspforce.outcome import Start, Status
 from graspforce.problem import ForceProblem
 from graspforce.servo import Servo
 from graspforce.settings import Settings
@@ -64,6 +64,7 @@ __all__ = [
     "Servo",
     "Settings",
     "Solution",
+    "Start",
     "SolveError",
     "Status",
     "Verification",

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
+import math
 import threading
-from typing import Protocol
+from dataclasses import replace
+from typing import Any, Protocol, cast
 
 import numpy as np
 
 from graspforce import _core, reference
 from graspforce._arrays import Array
-from graspforce.outcome import Outcome, TickOutcome
+from graspforce.outcome import Outcome, Start, Status
 from graspforce.problem import ForceProblem, Layout
 from graspforce.settings import Settings
 
@@ -26,6 +29,10 @@ SOLVERS_KEPT = 16
 class ServoBackend(Protocol):
     """What :class:`graspforce.Servo` stands on."""
 
+    def tick(self) -> Status:
+        """Solve from ``numbers`` as they stand."""
+        ...
+
     def step(
         self,
         f: object,
@@ -40,12 +47,16 @@ class ServoBackend(Protocol):
         A: object,
         b: object,
         alpha: object,
-    ) -> TickOutcome | None:
-        """Take changed fields and solve; None, with nothing changed, when they need checking."""
+    ) -> Any:
+        """Solve with changed fields, for a Solution; None, and nothing changed, to check them."""
         ...  # fmt: skip
 
     def step_problem(self, packed: Array) -> Outcome:
-        """Solve a validated problem."""
+        """Solve a validated problem, whose numbers become ``numbers``."""
+        ...
+
+    def last(self) -> Outcome | None:
+        """Return what the last tick found, None before the first."""
         ...
 
     def reset(self) -> None:
@@ -53,40 +64,78 @@ class ServoBackend(Protocol):
         ...
 
     @property
-    def packed(self) -> Array:
-        """A copy of the current problem's flat buffer."""
+    def numbers(self) -> Array:
+        """The flat buffer that the next tick is made from; write to it."""
         ...
+
+    @property
+    def packed(self) -> Array:
+        """A copy of the last tick's flat buffer."""
+        ...
+
+    @property
+    def c(self) -> Array:
+        """The forces that the last tick found, overwritten by the next."""
+        ...
+
+    @property
+    def nu(self) -> Array:
+        """The multipliers that the last tick found, overwritten by the next."""
+        ...
+
+
+def refuse(layout: Layout, packed: Array) -> None:
+    """Raise the error of the constructor of ForceProblem for numbers that it would refuse.
+
+    Raises:
+        InvalidInputError: one of the numbers is not finite or out of its range.
+    """
+    ForceProblem.from_packed(layout, packed).replace()
 
 
 class ReferenceServo:
     """The paper's servo loop on the NumPy reference."""
 
     def __init__(self, problem: ForceProblem, settings: Settings) -> None:
-        self._problem = problem
         self._settings = settings
+        self._layout = problem.layout
         self._past: list[Array] = []
+        self.numbers = np.array(problem.packed)
+        self.packed = np.array(problem.packed)
+        self.c = np.zeros(problem.m)
+        self.nu = np.zeros(len(problem.f))
+        self._last: Outcome | None = None
 
-    def step(self, *_fields: object, **_names: object) -> TickOutcome | None:
+    def tick(self) -> Status:
+        refuse(self._layout, np.array(self.numbers))
+        return Status(self.step_problem(self.numbers).status)
+
+    def step(self, *_fields: object, **_names: object) -> None:
         return None
 
     def step_problem(self, packed: Array) -> Outcome:
-        problem = ForceProblem.from_packed(self._problem.layout, packed)
-        self._problem = problem
+        self.numbers[:] = packed
+        self.packed = np.array(packed)
+        problem = ForceProblem.from_packed(self._layout, np.array(packed))
         start = None
         if len(self._past) == 2:
             start = 2 * self._past[1] - self._past[0]
         elif self._past:
             start = self._past[0]
         outcome = reference.solve(problem, self._settings, start)
+        if outcome.start == Start.GIVEN:
+            kind = Start.EXTRAPOLATED if len(self._past) == 2 else Start.HELD
+            outcome = replace(outcome, start=kind)
+        self._last = outcome
         self._past = [*self._past[-1:], np.array(outcome.c)] if outcome.status == 0 else []
+        self.c[:], self.nu[:] = outcome.c, outcome.nu
         return outcome
+
+    def last(self) -> Outcome | None:
+        return self._last
 
     def reset(self) -> None:
         self._past = []
-
-    @property
-    def packed(self) -> Array:
-        return np.array(self._problem.packed)
 
 
 _cache = threading.local()
@@ -108,11 +157,26 @@ def solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Out
     if settings.backend == "reference":
         return reference.solve(problem, settings, start)
     solver = _native_solver(problem.layout)
-    return solver.solve(problem.packed, settings.tol, settings.max_steps, start)
+    return solver.solve(problem.packed, *_limits(settings), start)
 
 
-def make_servo(problem: ForceProblem, settings: Settings) -> ServoBackend:
-    """Return the servo of the backend that the settings name."""
+def make_servo(problem: ForceProblem, settings: Settings, solution: type) -> ServoBackend:
+    """Return the servo of the backend that the settings name; ``solution`` is what steps return."""
     if settings.backend == "reference":
         return ReferenceServo(problem, settings)
-    return NativeServo(*problem.layout, problem.packed, settings.tol, settings.max_steps)
+    layout = problem.layout
+    servo = NativeServo(
+        *layout,
+        problem.packed,
+        *_limits(settings),
+        list(Status),
+        functools.partial(refuse, layout),
+        solution,
+        layout,
+    )
+    return cast(ServoBackend, servo)  # its stub knows neither Status nor step
+
+
+def _limits(settings: Settings) -> tuple[float, int, float]:
+    budget_us = math.inf if settings.budget_us is None else settings.budget_us
+    return settings.tol, settings.max_steps, budget_us

@@ -16,9 +16,18 @@ class Status(enum.IntEnum):
     INFEASIBLE = 1  #: no force satisfies everything; a certificate proves it
     WRENCH_UNREACHABLE = 2  #: f is outside the range of W: no contact force makes it
     UNBOUNDED = 3  #: nothing limits the grip, so Phi has no minimum
-    MAX_STEPS = 4  #: the step limit came first; the force is the best one known
+    MAX_STEPS = 4  #: the limit on steps or time came first; the force is the best one known
     STALLED = 5  #: rounding stopped the progress; the force is the best one known
     INVALID_NUMBERS = 6  #: the data overflow in double precision
+
+
+class Start(enum.IntEnum):
+    """Where the Newton steps that led to an answer set out from."""
+
+    COLD = 0  #: pure pushes, or Phase 1
+    HELD = 1  #: the last optimum
+    EXTRAPOLATED = 2  #: the last two optima
+    GIVEN = 3  #: forces that the caller gave
 
 
 class Outcome(Protocol):
@@ -55,6 +64,16 @@ class Outcome(Protocol):
         ...
 
     @property
+    def start(self) -> int:
+        """Where the steps set out from, a value of :class:`Start`."""
+        ...
+
+    @property
+    def elapsed_us(self) -> float:
+        """Time taken [µs] where the settings limit it, else 0."""
+        ...
+
+    @property
     def y(self) -> Array | None:
         """Wrench direction of the certificate of infeasibility, shape (k,)."""
         ...
@@ -86,3 +105,5 @@ class PlainOutcome:
     violation: float = 0.0
     y: Array | None = None
     z: Array | None = None
+    start: int = Start.COLD
+    elapsed_us: float = 0.0

@@ -8,6 +8,7 @@ buffer, whose order :class:`Layout` fixes.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -54,6 +55,16 @@ class Layout(NamedTuple):
             "gamma": (n,),
             "alpha": (),
         }
+
+    def views(self, packed: Array) -> dict[str, Array]:
+        """Return every field of a flat buffer as a view of it."""
+        views: dict[str, Array] = {}
+        start = 0
+        for name, shape in self.fields.items():
+            size = math.prod(shape)
+            views[name] = packed[start : start + size].reshape(shape)
+            start += size
+        return views
 
 
 class ForceProblem:
@@ -188,12 +199,8 @@ class ForceProblem:
         put = super().__setattr__
         put("layout", layout)
         put("packed", packed)
-        start = 0
-        for name, shape in layout.fields.items():
-            size = int(np.prod(shape, dtype=int))
-            view = packed[start : start + size].reshape(shape)
+        for name, view in layout.views(packed).items():
             put(name, float(view) if name == "alpha" else view)
-            start += size
         coefficients = zip(layout.dims, self.mu.tolist(), self.gamma.tolist(), strict=True)
         put("models", tuple(_model(*each) for each in coefficients))
 

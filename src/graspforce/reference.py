@@ -37,7 +37,7 @@ import numpy as np
 from graspforce._arrays import Array
 from graspforce.certificate import Certificate, check_certificate
 from graspforce.contact import FPC, SFC, ContactModel, contact_starts
-from graspforce.outcome import PlainOutcome, Status
+from graspforce.outcome import PlainOutcome, Start, Status
 from graspforce.problem import ForceProblem
 from graspforce.settings import Settings
 
@@ -366,13 +366,14 @@ def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Pl
     view = _View(problem)
     c_p, N = particular_and_nullspace(view.W, problem.f)
     guess = c_p if start is None else c_p + N @ (N.T @ (start[view.kept] - c_p))
-    steps = 0
+    steps, given = 0, start is not None and view.inside(guess)
     if not view.inside(guess):
         first = phase_1(view, N, guess, settings)
         if first.status != Status.SOLVED:
             return first
         guess, steps = first.c[view.kept], first.newton_steps
-    return minimise(view, N, guess, settings, steps)
+    outcome = minimise(view, N, guess, settings, steps)
+    return replace(outcome, start=Start.GIVEN if given else Start.COLD)
 
 
 def minimise(view: _View, N: Array, c: Array, settings: Settings, steps: int) -> PlainOutcome:

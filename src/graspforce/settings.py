@@ -17,15 +17,18 @@ class Settings:
     Args:
         tol: certified bound on decrement²/2 at return, for Phi / min(1, alpha), so that every
             barrier term is standard self-concordant.
-        max_steps: the most Newton steps of one phase (Phase 1 and the minimisation each).
+        max_steps: the most Newton steps of a solve or a tick, those of Phase 1 included.
+        budget_us: the longest that a solve or a tick of the native core may take [µs]; the step
+            that is under way is finished, and one is always taken. None for no limit.
         backend: "native" for the C++ core, "reference" for the NumPy transcription of the paper.
 
     Raises:
-        InvalidInputError: tol or max_steps out of range, or an unknown backend.
+        InvalidInputError: tol, max_steps or budget_us out of range, or an unknown backend.
     """
 
     tol: float = 1e-9
     max_steps: int = 200
+    budget_us: float | None = None
     backend: Literal["native", "reference"] = "native"
 
     def __post_init__(self) -> None:
@@ -35,6 +38,8 @@ class Settings:
             raise InvalidInputError(
                 f"max_steps: got {self.max_steps!r}, expected a whole number of at least 1"
             )
+        if self.budget_us is not None:
+            as_positive(self.budget_us, "budget_us")
         if self.backend not in ("native", "reference"):
             raise InvalidInputError(
                 f"backend: got {self.backend!r}, expected 'native' or 'reference'"

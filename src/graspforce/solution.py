@@ -16,7 +16,7 @@ from graspforce import reference
 from graspforce._arrays import Array, signless
 from graspforce.certificate import Certificate
 from graspforce.errors import InfeasibleGraspError, NotConvergedError
-from graspforce.outcome import Outcome, PlainOutcome, Status, TickOutcome
+from graspforce.outcome import Outcome, PlainOutcome, Start, Status, TickOutcome
 from graspforce.problem import ForceProblem, Layout
 
 # SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
@@ -92,6 +92,21 @@ class Solution:
         return self._outcome.newton_steps
 
     @property
+    def decrement(self) -> float:
+        """Certified bound on the Newton decrement at c, for Phi / min(1, alpha); or inf."""
+        return self._outcome.decrement
+
+    @property
+    def start(self) -> Start:
+        """Where the Newton steps that led to c set out from."""
+        return Start(self._outcome.start)
+
+    @property
+    def elapsed_us(self) -> float:
+        """Time taken [µs]; measured only with ``Settings.budget_us``, else 0."""
+        return self._outcome.elapsed_us
+
+    @property
     def suboptimality(self) -> float:
         """Certified upper bound on Phi(c) − Phi*; inf when nothing is certified.
 
@@ -145,7 +160,7 @@ class Solution:
                     "or inequalities A c <= b that bound every contact"
                 )
             case Status.MAX_STEPS:
-                return f"stopped after {self.newton_steps} Newton steps without a verdict"
+                return f"stopped by max_steps or budget_us after {self.newton_steps} Newton steps"
             case Status.STALLED:
                 return "rounding stopped the progress before a verdict could be certified"
             case Status.INVALID_NUMBERS:
@@ -273,6 +288,7 @@ class Solution:
     def __reduce__(self) -> tuple[Any, ...]:
         raw = self._outcome
         plain = PlainOutcome(
-            raw.status, raw.newton_steps, raw.c, raw.nu, raw.decrement, raw.violation, raw.y, raw.z
-        )
+            raw.status, raw.newton_steps, raw.c, raw.nu, raw.decrement, raw.violation, raw.y, raw.z,
+            raw.start, raw.elapsed_us,
+        )  # fmt: skip
         return (Solution, (plain, self.problem))

@@ -32,6 +32,7 @@ class Barrier {
     for (const Part& part : blocks_.parts()) total += part.q * (4 + part.q + k);
     arena_.reset(total);
     work_.clear();
+    work_.reserve(blocks_.layout().contacts());
     for (const Part& part : blocks_.parts()) {
       const std::size_t q = part.q;
       work_.push_back({arena_.take(q), arena_.take(q), arena_.take(q), arena_.take(q),
@@ -52,6 +53,15 @@ class Barrier {
   void set_forces(const double* c) {
     for (std::size_t b = 0; b < work_.size(); ++b)
       for (int i = 0; i < part(b).q; ++i) work_[b].c[i] = c[part(b).block->components[i]];
+  }
+
+  // c ← 2 last − before.
+  void extrapolate(const double* last, const double* before) {
+    for (std::size_t b = 0; b < work_.size(); ++b)
+      for (int i = 0; i < part(b).q; ++i) {
+        const int component = part(b).block->components[i];
+        work_[b].c[i] = 2 * last[component] - before[component];
+      }
   }
 
   // Writes c in the problem's order; contacts out of the grasp get zero.
@@ -116,7 +126,7 @@ class Barrier {
         for (int r = 0; r < k; ++r)
           nu_[r] += w.Z[i * k + r] * w.u[i] - part(b).Wt[i * k + r] * w.c[i];
     }
-    smallest_pivot_ = schur_.factor();
+    sound_ = schur_.factor() >= kSuspectPivot;
     schur_.solve(nu_.data());
     double squared = 0;
     for (std::size_t b = 0; b < work_.size(); ++b) {
@@ -131,7 +141,8 @@ class Barrier {
     return std::sqrt(squared);
   }
 
-  double smallest_pivot() const { return smallest_pivot_; }
+  // False when the last step's system was nearly singular.
+  bool sound() const { return sound_; }
 
   // ∇Phi·d: the slope of Phi along the last step, at the point last evaluated.
   double slope() const {
@@ -228,7 +239,8 @@ class Barrier {
   Arena arena_;
   Schur schur_;
   std::vector<double> nu_;
-  double cone_weight_ = 1, limit_weight_ = 1, smallest_pivot_ = 1;
+  double cone_weight_ = 1, limit_weight_ = 1;
+  bool sound_ = true;
 };
 
 }  // namespace graspforce

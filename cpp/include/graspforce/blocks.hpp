@@ -47,7 +47,7 @@ struct Tip {
 struct Part {
   const Block* block;
   int q, rows;  // components, rows
-  std::vector<Tip> tips;
+  Span<Tip> tips;
   double* Wt;       // q × k: this block's columns of W, transposed
   double* a;        // rows × q
   double *lo, *hi;  // rows
@@ -61,20 +61,25 @@ class Blocks {
     f_.resize(k_);
   }
 
-  // Makes room for the blocks of a structure; needed whenever it has been found anew.
+  // Makes room for the blocks of a structure; needed whenever it has been found anew. Once it was
+  // called with every contact in the grasp, leaving some out does not allocate.
   void allot(const Structure& structure) {
     parts_.clear();
+    parts_.reserve(layout_.contacts());
+    tips_.resize(layout_.contacts());
     const std::size_t k = layout_.wrench_rows;
-    std::size_t total = 0;
+    std::size_t total = structure.unattached() * (layout_.components() + std::size_t(3));
     for (const Block& block : structure.blocks())
       total += block.components.size() * k + count_rows(block) * (block.components.size() + 3);
     arena_.reset(total);
+    Tip* tips = tips_.data();
     for (const Block& block : structure.blocks()) {
       const std::size_t q = block.components.size(), rows = count_rows(block);
-      Part part{&block, int(q), int(rows), {}, nullptr, nullptr, nullptr, nullptr, nullptr};
+      Part part{&block,  int(q),  int(rows), {tips, block.contacts.size()}, nullptr, nullptr,
+                nullptr, nullptr, nullptr};
       int first = 0;
       for (int contact : block.contacts) {
-        part.tips.push_back({contact, first, {structure.dim(contact), 1, 1}, 1, 1});
+        *tips++ = {contact, first, {structure.dim(contact), 1, 1}, 1, 1};
         first += structure.dim(contact);
       }
       part.Wt = arena_.take(q * k);
@@ -82,12 +87,12 @@ class Blocks {
       part.lo = arena_.take(rows);
       part.hi = arena_.take(rows);
       part.scale = arena_.take(rows);
-      parts_.push_back(std::move(part));
+      parts_.push_back(part);
     }
   }
 
-  // Takes a problem's numbers.
-  void load(const Problem& p) {
+  // Takes a problem's numbers, all of them whatever has changed.
+  void load(const Problem& p, unsigned = kChangedAll) {
     k_ = layout_.wrench_rows;
     for (int r = 0; r < k_; ++r) rows_in_use_[r] = r;
     std::copy(p.f, p.f + k_, f_.begin());
@@ -122,8 +127,8 @@ class Blocks {
   // left out: first its upper side, then its lower; −1 for a side that the problem does not have.
   std::pair<int, int> limit_indices(const Part& part, int r) const {
     const int joints = layout_.joints, n = layout_.contacts();
-    const int block_joints = static_cast<int>(part.block->joints.size());
-    const int inequalities = static_cast<int>(part.block->inequalities.size());
+    const int block_joints = part.block->joints.size();
+    const int inequalities = part.block->inequalities.size();
     const int ceilings = 2 * joints, floors = ceilings + (layout_.ceilings ? n : 0);
     if (r < block_joints) return {part.block->joints[r], joints + part.block->joints[r]};
     r -= block_joints;
@@ -181,10 +186,10 @@ class Blocks {
   void scale_violations() {
     double known = 0, wrench = 0;
     for (Part& part : parts_) {
-      const int joints = static_cast<int>(part.block->joints.size());
-      const int others = joints + static_cast<int>(part.block->inequalities.size());
+      const int joints = part.block->joints.size();
+      const int others = joints + part.block->inequalities.size();
       for (int r = 0; r < joints; ++r) part.scale[r] = 0.5 * (part.hi[r] - part.lo[r]);
-      for (std::size_t i = 0; i < part.tips.size(); ++i) {
+      for (int i = 0; i < part.tips.size(); ++i) {
         Tip& tip = part.tips[i];
         tip.reach = layout_.ceilings ? part.hi[others + i] : kInfinity;
         for (int r = 0; r < joints; ++r) {
@@ -201,15 +206,15 @@ class Blocks {
         if (!(tip.reach < kInfinity)) tip.reach = fallback;
         tip.cone_scale = tip.cone.mu * tip.reach;
       }
-      int r = static_cast<int>(part.block->joints.size());
-      for (std::size_t i = 0; i < part.block->inequalities.size(); ++i, ++r) {
+      int r = part.block->joints.size();
+      for (int i = 0; i < part.block->inequalities.size(); ++i, ++r) {
         double own = 0;
         for (const Tip& tip : part.tips)
           for (int j = 0; j < tip.cone.dim; ++j)
             own += std::abs(part.a[r * part.q + tip.first + j]) * tip.reach;
         part.scale[r] = own > 0 ? own : std::max(std::abs(part.hi[r]), fallback);
       }
-      for (std::size_t i = 0; r < part.rows; ++i, ++r) part.scale[r] = part.tips[i].reach;
+      for (int i = 0; r < part.rows; ++i, ++r) part.scale[r] = part.tips[i].reach;
     }
   }
 
@@ -218,6 +223,7 @@ class Blocks {
   std::vector<int> rows_in_use_;
   std::vector<double> f_;
   std::vector<Part> parts_;
+  std::vector<Tip> tips_;
   Arena arena_;
 };
 

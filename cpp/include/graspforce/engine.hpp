@@ -1,7 +1,8 @@
 // A solver for one layout: a cold solve, and a servo tick from the ticks before.
 //
-// Set up once; after that neither solve nor tick allocates as long as the pattern of J and A and
-// the set of contacts in the grasp stay the same. Nothing here throws or prints.
+// Set up with the first problem; after that neither solve nor tick allocates, whatever contacts
+// leave the grasp and come back, unless joints or inequalities come to tie contacts together that
+// they did not tie before. Nothing here throws or prints.
 #pragma once
 
 #include <algorithm>
@@ -9,6 +10,7 @@
 #include <vector>
 
 #include "graspforce/barrier.hpp"
+#include "graspforce/budget.hpp"
 #include "graspforce/lane_barrier.hpp"
 #include "graspforce/newton.hpp"
 #include "graspforce/primal_dual.hpp"
@@ -26,11 +28,21 @@ enum class Status : int {
   InvalidNumbers = 6,
 };
 
+// Where the Newton steps that led to the answer set out from.
+enum class Start : int {
+  Cold = 0,          // pure pushes, or Phase 1
+  Held = 1,          // the last optimum
+  Extrapolated = 2,  // the last two optima
+  Given = 3,         // forces that the caller gave
+};
+
 struct Result {
   Status status = Status::InvalidNumbers;
   int newton_steps = 0;
   double decrement = kInfinity;  // certified bound, for Phi / min(1, alpha)
   double violation = 0;          // least relative violation when infeasible
+  Start start = Start::Cold;
+  double elapsed_us = 0;  // measured only where the settings limit the time
 };
 
 class Engine {
@@ -39,10 +51,12 @@ class Engine {
       : layout_(layout),
         offsets_(layout),
         structure_(layout_),
-        lanes_(layout_),
+        three_(layout_),
+        four_(layout_),
         blocks_(layout_),
         barrier_(blocks_),
         primal_dual_(blocks_),
+        rank_(layout_),
         c_(layout.components()),
         nu_(layout.wrench_rows),
         y_(layout.wrench_rows),
@@ -65,26 +79,30 @@ class Engine {
   std::size_t limits() const { return z_.size(); }
 
   // Solves from `start` (m forces) where it is inside the limits, else from nothing.
-  Result solve(const double* packed, double tol, int max_steps, const double* start = nullptr) {
+  const Result& solve(const double* packed, const Settings& settings,
+                      const double* start = nullptr) {
     const Problem problem(offsets_, packed);
     unseen_ = kChangedAll;  // the next tick's numbers are compared with these, not with its last
-    return in_core(problem, kChangedAll, [&](auto& barrier, unsigned) {
+    in_core(problem, settings, kChangedAll, [&](auto& barrier, Budget& budget, unsigned) {
       double lambda = kInfinity;
       if (start != nullptr) {
+        result_.start = Start::Given;
         barrier.set_forces(start);
         lambda = first_step(barrier, problem);
       }
-      return run(barrier, problem, lambda, tol, max_steps);
+      run(barrier, problem, lambda, settings.tol, budget);
     });
+    return result_;
   }
 
   // Solves the next problem of a stream, from the optima before it. `changed` tells what differs
   // from the tick before.
-  Result tick(const double* packed, double tol, int max_steps, unsigned changed = kChangedAll) {
+  const Result& tick(const double* packed, const Settings& settings,
+                     unsigned changed = kChangedAll) {
     const Problem problem(offsets_, packed);
     changed |= unseen_;
     unseen_ = 0;
-    const Result result = in_core(problem, changed, [&](auto& barrier, unsigned news) {
+    in_core(problem, settings, changed, [&](auto& barrier, Budget& budget, unsigned news) {
       if (news & kChangedRest) {
         for (int i = 0; i < layout_.contacts(); ++i)
           ceiling_[i] = layout_.ceilings ? problem.engagement[i] * problem.c_max[i] : 1;
@@ -92,13 +110,13 @@ class Engine {
       } else {
         ++steady_;
       }
-      return run(barrier, problem, predict(barrier, problem), tol, max_steps);
+      run(barrier, problem, predict(barrier, problem), settings.tol, budget);
     });
-    if (result.status == Status::Solved)
-      remember(problem);
-    else
-      known_ = 0;
-    return result;
+    // A tick that ran out of budget goes on from where it stopped.
+    const bool unfinished = result_.status == Status::MaxSteps && wrench_error_ < kInfinity;
+    if (result_.status != Status::Solved) known_ = 0;
+    if (result_.status == Status::Solved || unfinished) remember(problem);
+    return result_;
   }
 
   void reset() { known_ = 0; }
@@ -106,8 +124,6 @@ class Engine {
  private:
   // Forces this many times their reach, with no minimum found, mean that nothing holds them.
   static constexpr double kRunaway = 1e6;
-  // Pivot of the k × k system below which W may have dependent rows.
-  static constexpr double kSuspectPivot = 1e-10;
   // Decrement at an extrapolated start above which the last optimum is looked at as well.
   static constexpr double kPromising = 0.5;
 
@@ -115,40 +131,65 @@ class Engine {
     std::vector<double> c, ceiling;
   };
 
+  enum class Kernels { General, Three, Four };
+
   // Loads the problem and hands it to the kernels that fit it, with what is new to them.
   template <class Work>
-  Result in_core(const Problem& problem, unsigned changed, Work work) {
+  void in_core(const Problem& problem, const Settings& settings, unsigned changed, Work work) {
+    result_ = Result();
     if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0)
-      return nothing(Status::Unbounded);
+      return answer_nothing(Status::Unbounded);
+    Budget budget(settings);
     if (!structure_.holds(problem, changed)) {
-      structure_.find(problem);
-      blocks_.allot(structure_);
-      barrier_.allot();
-      primal_dual_.allot();
-      by_lanes_ = lanes_.allot(structure_);
+      rearrange(problem);
       changed = kChangedAll;
     }
     rank_known_ = unreachable_ = false;
-    Result result;
     if (structure_.blocks().empty()) {  // every contact is out of the grasp
       const bool idle =
           std::all_of(problem.f, problem.f + layout_.wrench_rows, [](double f) { return f == 0; });
-      result = nothing(idle ? Status::Solved : Status::WrenchUnreachable);
-      result.decrement = idle ? 0 : kInfinity;
-      return result;
+      answer_nothing(idle ? Status::Solved : Status::WrenchUnreachable);
+      if (idle) result_.decrement = 0;
+      return;
     }
-    if (by_lanes_) {
-      lanes_.load(problem, changed);
-      if (was_deficient_) examine(lanes_, problem);
-      result = work(lanes_, changed);
-    } else {
-      blocks_.load(problem);
-      barrier_.set_weights(*problem.alpha);
-      if (was_deficient_) examine(blocks_, problem);
-      result = work(barrier_, changed);
+    auto work_on = [&](auto& rows, auto& barrier) {
+      rows.load(problem, changed);
+      if (was_deficient_) examine(rows, problem);
+      work(barrier, budget, changed);
+    };
+    switch (kernels_) {
+      case Kernels::Three:
+        work_on(three_, three_);
+        break;
+      case Kernels::Four:
+        work_on(four_, four_);
+        break;
+      case Kernels::General:
+        barrier_.set_weights(*problem.alpha);
+        work_on(blocks_, barrier_);
     }
-    if (result.status != Status::Solved && !finite()) return nothing(Status::InvalidNumbers);
-    return result;
+    if (result_.status != Status::Solved && !finite()) answer_nothing(Status::InvalidNumbers);
+    result_.newton_steps = budget.steps();
+    result_.elapsed_us = budget.elapsed_us();
+  }
+
+  // Finds the blocks anew. The first time room is made for every contact, so that none is needed
+  // when some leave and come back.
+  void rearrange(const Problem& problem) {
+    if (!arranged_) allot(problem, true);
+    arranged_ = true;
+    allot(problem, false);
+  }
+  void allot(const Problem& problem, bool everyone) {
+    structure_.find(problem, everyone);
+    blocks_.allot(structure_);
+    barrier_.allot();
+    primal_dual_.allot();
+    kernels_ = three_.fits(layout_, structure_)  ? Kernels::Three
+               : four_.fits(layout_, structure_) ? Kernels::Four
+                                                 : Kernels::General;
+    if (kernels_ == Kernels::Three) three_.allot(structure_);
+    if (kernels_ == Kernels::Four) four_.allot(structure_);
   }
 
   bool finite() const {
@@ -159,22 +200,22 @@ class Engine {
     return true;
   }
 
-  Result nothing(Status status) {
+  void answer_nothing(Status status) {
     std::fill(c_.begin(), c_.end(), 0.0);
     std::fill(nu_.begin(), nu_.end(), 0.0);
-    Result result;
-    result.status = status;
-    return result;
+    result_.status = status;
+    result_.decrement = kInfinity;
+    result_.violation = 0;
   }
 
   // Reduces W c = f to independent rows where it has others.
   template <class Rows>
   void examine(Rows& rows, const Problem& problem) {
-    rank_ = examine_rank(layout_, problem);
+    rank_.run(problem);
     rank_known_ = true;
-    unreachable_ = !rank_.reachable;
-    was_deficient_ = static_cast<int>(rank_.rows.size()) < layout_.wrench_rows;
-    if (was_deficient_) rows.restrict_rows(problem, rank_.rows);
+    unreachable_ = !rank_.reachable();
+    was_deficient_ = rank_.deficient();
+    if (was_deficient_) rows.restrict_rows(problem, rank_.rows());
   }
   void examine(Barrier&, const Problem& problem) { examine(blocks_, problem); }
 
@@ -184,7 +225,7 @@ class Engine {
   double first_step(AnyBarrier& barrier, const Problem& problem) {
     if (unreachable_ || !barrier.evaluate()) return kInfinity;
     const double lambda = barrier.newton();
-    if (rank_known_ || !(barrier.smallest_pivot() < kSuspectPivot)) return lambda;
+    if (rank_known_ || barrier.sound()) return lambda;
     examine(barrier, problem);
     return first_step(barrier, problem);
   }
@@ -194,15 +235,18 @@ class Engine {
   template <class AnyBarrier>
   double predict(AnyBarrier& barrier, const Problem& problem) {
     double ahead = kInfinity;
+    result_.start = Start::Extrapolated;
     if (known_ == 2) {
       extrapolate(barrier, problem, 2);
       ahead = first_step(barrier, problem);
       if (ahead < kPromising) return ahead;
     }
     if (known_ == 0) return kInfinity;
+    result_.start = Start::Held;
     extrapolate(barrier, problem, 1);
     const double hold = first_step(barrier, problem);
     if (hold <= ahead) return hold;
+    result_.start = Start::Extrapolated;
     extrapolate(barrier, problem, 2);
     return first_step(barrier, problem);
   }
@@ -214,8 +258,7 @@ class Engine {
   void extrapolate(AnyBarrier& barrier, const Problem& problem, int order) {
     const Past &last = past_[newest_], &before = past_[1 - newest_];
     if (steady_ >= 2 && order == 2) {  // the ceilings are those of the last two ticks
-      for (std::size_t c = 0; c < guess_.size(); ++c) guess_[c] = 2 * last.c[c] - before.c[c];
-      barrier.set_forces(guess_.data());
+      barrier.extrapolate(last.c.data(), before.c.data());
       return;
     }
     for (int i = 0, c = 0; i < layout_.contacts(); ++i) {
@@ -243,61 +286,67 @@ class Engine {
   // Newton's method where the barrier stands (at a step of decrement lambda), else from pure
   // pushes, else the primal–dual method: from certain progress to certain verdicts.
   template <class AnyBarrier>
-  Result run(AnyBarrier& barrier, const Problem& problem, double lambda, double tol,
-             int max_steps) {
-    Result result;
-    if (lambda < kInfinity && newton(barrier, lambda, tol, max_steps, false, result)) return result;
+  void run(AnyBarrier& barrier, const Problem& problem, double lambda, double tol, Budget& budget) {
+    wrench_error_ = kInfinity;
+    if (lambda < kInfinity && newton(barrier, lambda, tol, budget, false)) return;
+    result_.start = Start::Cold;
     barrier.set_pushes(push(problem));
     lambda = first_step(barrier, problem);
-    if (lambda < kInfinity && newton(barrier, lambda, tol, max_steps, false, result)) return result;
+    if (lambda < kInfinity && newton(barrier, lambda, tol, budget, false)) return;
     if (!rank_known_) examine(barrier, problem);
-    if (unreachable_) return nothing(Status::WrenchUnreachable);
+    if (unreachable_) return answer_nothing(Status::WrenchUnreachable);
     std::fill(nu_.begin(), nu_.end(), 0.0);
 
-    if (by_lanes_) {  // the primal–dual method works on the general blocks
+    if (kernels_ != Kernels::General) {  // the primal–dual method works on the general blocks
       blocks_.load(problem);
-      if (was_deficient_) blocks_.restrict_rows(problem, rank_.rows);
+      if (was_deficient_) blocks_.restrict_rows(problem, rank_.rows());
     }
-    const PhaseOneResult phase = primal_dual_.find_inside(problem, max_steps, y_, z_);
-    result.newton_steps += phase.steps;
-    result.violation = phase.violation;
-    primal_dual_.get_forces(c_.data());
+    const PhaseOneResult phase = primal_dual_.find_inside(problem, budget, y_, z_);
     using End = PhaseOneResult::End;
     if (phase.end != End::Inside) {
-      result.status = phase.end == End::Infeasible ? Status::Infeasible
-                      : phase.end == End::Steps    ? Status::MaxSteps
-                      : phase.end == End::Overflow ? Status::InvalidNumbers
-                                                   : Status::Stalled;
-      return result;
+      // Without a verdict, forces inside the limits that lack some of f are better than forces
+      // that make f and slip.
+      if (phase.end == End::Infeasible || wrench_error_ == kInfinity) {
+        primal_dual_.get_forces(c_.data());
+        barrier.set_forces(c_.data());
+        if (barrier.inside()) wrench_error_ = barrier.wrench_error();
+      }
+      result_.violation = phase.violation;
+      result_.status = phase.end == End::Infeasible ? Status::Infeasible
+                       : phase.end == End::Steps    ? Status::MaxSteps
+                       : phase.end == End::Overflow ? Status::InvalidNumbers
+                                                    : Status::Stalled;
+      return;
     }
-    result.violation = 0;
-    result.newton_steps +=
-        primal_dual_.follow(barrier.cone_weight(), barrier.limit_weight(), max_steps);
+    primal_dual_.follow(barrier.cone_weight(), barrier.limit_weight(), budget);
     primal_dual_.get_forces(c_.data());
     barrier.set_forces(c_.data());
-    newton(barrier, first_step(barrier, problem), tol, max_steps, true, result);
+    newton(barrier, first_step(barrier, problem), tol, budget, true);
     if (barrier.largest_force() > kRunaway * blocks_.largest_reach() &&
-        result.status != Status::Solved)
-      result.status = Status::Unbounded;
-    return result;
+        result_.status != Status::Solved)
+      result_.status = Status::Unbounded;
   }
 
-  // Newton's method from the barrier's point; true when it certifies an answer.
+  // Newton's method from the barrier's point; true when that ends the solve: with a certified
+  // answer, or with the budget spent and forces in hand. A point without a certificate is kept if
+  // it is strictly inside the limits and lacks less of f than the last one.
   template <class AnyBarrier>
-  bool newton(AnyBarrier& barrier, double lambda, double tol, int max_steps, bool balanced,
-              Result& result) {
-    const Newton outcome = minimise(barrier, lambda, tol, max_steps, balanced);
-    result.newton_steps += outcome.steps;
+  bool newton(AnyBarrier& barrier, double lambda, double tol, Budget& budget, bool balanced) {
+    const Newton outcome = minimise(barrier, lambda, tol, budget, balanced);
     using End = Newton::End;
-    result.status = outcome.end == End::Certified  ? Status::Solved
-                    : outcome.end == End::Overflow ? Status::InvalidNumbers
-                    : outcome.end == End::Steps    ? Status::MaxSteps
-                                                   : Status::Stalled;
-    if (!balanced && result.status != Status::Solved) return false;
-    result.decrement = outcome.bound;
+    result_.status = outcome.end == End::Certified  ? Status::Solved
+                     : outcome.end == End::Overflow ? Status::InvalidNumbers
+                     : outcome.end == End::Spent    ? Status::MaxSteps
+                                                    : Status::Stalled;
+    if (result_.status != Status::Solved) {
+      const double error = barrier.inside() ? barrier.wrench_error() : kInfinity;
+      if (!(error <= wrench_error_) && !balanced) return false;
+      wrench_error_ = error;
+    }
+    result_.decrement = outcome.bound;
     barrier.get_forces(c_.data());
     barrier.get_multipliers(nu_.data());
-    return result.status == Status::Solved;
+    return result_.status == Status::Solved || (budget.spent() && wrench_error_ < kInfinity);
   }
 
   void remember(const Problem& problem) {
@@ -311,17 +360,21 @@ class Engine {
   Layout layout_;
   Offsets offsets_;
   Structure structure_;
-  LaneBarrier lanes_;  // for grasps without coupled contacts
-  Blocks blocks_;      // for all others, and for the primal–dual method
+  LaneBarrier<3> three_;  // for grasps without coupled contacts and without soft fingers
+  LaneBarrier<4> four_;   // for grasps without coupled contacts
+  Blocks blocks_;         // for all others, and for the primal–dual method
   Barrier barrier_;
   PrimalDual primal_dual_;
+  RankExamination rank_;
   std::vector<double> c_, nu_, y_, z_, guess_, ceiling_;
   Past past_[2];
   int newest_ = 0, known_ = 0;
   int steady_ = 0;                 // ticks since the ceilings may last have changed
   unsigned unseen_ = kChangedAll;  // what the next tick has to load whatever it is told
-  Rank rank_;
-  bool by_lanes_ = false, rank_known_ = false, was_deficient_ = false, unreachable_ = false;
+  Kernels kernels_ = Kernels::General;
+  Result result_;
+  double wrench_error_ = kInfinity;  // of the best force inside the limits that is known
+  bool arranged_ = false, rank_known_ = false, was_deficient_ = false, unreachable_ = false;
 };
 
 }  // namespace graspforce

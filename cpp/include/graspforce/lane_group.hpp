@@ -7,30 +7,37 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <vector>
 
 #include "graspforce/cone.hpp"
 #include "graspforce/lanes.hpp"
 #include "graspforce/layout.hpp"
+#include "graspforce/schur.hpp"
+#include "graspforce/structure.hpp"
 
 namespace graspforce {
 
 inline constexpr int kWrench = 6;  // rows of W that the kernels are made for
 
-// What the groups add up to: the lower triangle of Σ W H⁻¹ Wᵀ, and a right-hand side.
+// What the groups add up to, lane by lane: the lower triangle of Σ W H⁻¹ Wᵀ, row by row, then the
+// right-hand side W (H⁻¹ g − c); one more makes it a multiple of four.
 struct WrenchSums {
-  static constexpr int kTriangle = kWrench * (kWrench + 1) / 2;
-  Lanes S[kTriangle];
-  Lanes rhs[kWrench];
+  static constexpr int kTriangle = kWrench * (kWrench + 1) / 2, kSize = kTriangle + kWrench + 1;
+  Lanes v[kSize];
+
+  Lanes* rhs() { return v + kTriangle; }
 };
 
-// One row lo ≤ a·c ≤ hi of each of four contacts; lanes without one have a = 0.
+// One row lo ≤ a·c ≤ hi of each of four contacts; lanes without one have a = 0 and room on both
+// sides.
 template <int Q>
 struct LaneRow {
   Lanes a[Q] = {};
   Lanes lo = splat(-1), hi = splat(1);
-  Lanes mask = {};
-  int source[kLanes] = {};  // the joint, or the inequality
+  Lanes mask[Q] = {};         // 1 where there is an entry
+  int source[kLanes] = {};    // the joint, or the inequality
+  int entry[Q][kLanes] = {};  // where its entries stand in J, or in A
 
   Lanes at(const Lanes* y) const {
     Lanes t = a[0] * y[0];
@@ -40,30 +47,71 @@ struct LaneRow {
   }
 };
 
-// Q components of up to four contacts.
+// Up to four contacts of up to Q components. A contact of fewer components has columns of zeros in
+// W and J for the rest: its barrier is that of the larger cone with nothing to move it sideways.
 template <int Q>
 struct LaneGroup {
   using Row = LaneRow<Q>;
   static constexpr int kLower = Q * (Q + 1) / 2;
   static constexpr int at(int i, int j) { return i * (i + 1) / 2 + j; }
 
-  static constexpr int components = Q;
-
-  int contact[kLanes] = {-1, -1, -1, -1};  // in the problem; −1 for a lane that is left over
-  int start[kLanes] = {};                  // its first component there
-  Lanes mask = {};                         // 1 where there is a contact
+  int members = 0;                // lanes in use
+  int contact[kLanes] = {};       // in the problem; lanes left over repeat the last
+  int component[Q][kLanes] = {};  // in c; components that a contact lacks repeat its normal
+  Lanes mask[Q] = {};             // 1 where there is a component
+  Lanes idle = splat(1);          // 1 in lanes left over
+  bool whole = false;             // no lane left over, no component lacking
+  Lanes rough = {};               // 1 for contacts with friction
+  Lanes soft = {};                // 1 for soft fingers
   Lanes mu = splat(1), torsion = splat(1);
   Lanes floor = splat(-kInfinity), ceiling = splat(kInfinity);
   Lanes W[kWrench][Q] = {};
   std::vector<Row> rows;
-  int members = 0;    // lanes in use
   int two_sided = 0;  // the joints' rows come first, then inequalities, which have no lower side
 
-  Lanes c[Q] = {splat(1)}, d[Q] = {}, g[Q];
-  Lanes H[kLower];   // lower triangle, then the unit factor of H = L D Lᵀ below its diagonal
-  Lanes inverse[Q];  // of D
+  Lanes c[Q] = {splat(1)}, d[Q] = {}, g[Q] = {};
+  Lanes H[kLower] = {};   // lower triangle, then the unit factor of H = L D Lᵀ below its diagonal
+  Lanes inverse[Q] = {};  // of D
 
   Lanes weight(int i) const { return i == 3 ? torsion : splat(1); }
+
+  // ---- which contacts stand in the lanes -----------------------------------------------------
+
+  void clear(int contacts) {
+    rows.clear();
+    two_sided = 0;
+    members = contacts;
+    whole = contacts == kLanes;
+  }
+
+  // Puts the contact of a block into a lane, and once more into each lane left over.
+  void place(int lane, const Block& block, const Layout& layout) {
+    const bool used = lane < members;
+    const int dim = static_cast<int>(block.components.size());
+    whole = whole && dim == Q;
+    contact[lane] = block.contacts[0];
+    idle[lane] = used ? 0 : 1;
+    rough[lane] = dim > 1 ? 1 : 0;
+    soft[lane] = dim > 3 ? 1 : 0;
+    for (int i = 0; i < Q; ++i) {
+      component[i][lane] = block.components[i < dim ? i : 0];
+      mask[i][lane] = used && i < dim ? 1 : 0;
+    }
+    const int m = layout.components();
+    auto occupy = [&](std::size_t r, int source, int stride, int offset) {
+      if (rows.size() <= r) rows.resize(r + 1);
+      rows[r].source[lane] = source;
+      for (int i = 0; i < Q; ++i) {
+        rows[r].mask[i][lane] = mask[i][lane];
+        rows[r].entry[i][lane] = component[i][lane] * stride + offset;
+      }
+    };
+    rows.resize(std::max<std::size_t>(rows.size(), two_sided));
+    for (int r = 0; r < block.joints.size(); ++r)
+      occupy(r, block.joints[r], layout.joints, block.joints[r]);
+    for (int r = 0; r < block.inequalities.size(); ++r)
+      occupy(two_sided + r, block.inequalities[r], 1, block.inequalities[r] * m);
+  }
 
   // Height mu n and radius ‖w t‖ of y: inside the cone the height is the larger.
   void cone(const Lanes* y, Lanes& height, Lanes& radius) const {
@@ -78,7 +126,7 @@ struct LaneGroup {
   }
 
   // Least slack at the point.
-  Lanes slack() const {
+  GRASPFORCE_INLINE Lanes slack() const {
     Lanes height, radius;
     cone(c, height, radius);
     Lanes worst = min(height - radius, min(ceiling - c[0], c[0] - floor));
@@ -89,66 +137,70 @@ struct LaneGroup {
     return worst;
   }
 
-  // Gradient and, when wanted, Hessian; returns the least slack.
+  // Gradient and, when wanted, Hessian; returns the least slack. The sums are kept in locals: what
+  // stands in memory might overlap with the rows for all the compiler knows.
   template <bool with_hessian>
-  Lanes evaluate(double cone_weight, double limit_weight, bool ceilings, bool floors) {
+  GRASPFORCE_INLINE Lanes evaluate(double cone_weight, double limit_weight, const Layout& layout) {
     Lanes height, radius;
     cone(c, height, radius);
     Lanes worst = height - radius;
     const Lanes det = worst * (height + radius);
     const Lanes inverse_det = 1 / det, twice = 2 * inverse_det;
-    Lanes first[Q];
+    Lanes first[Q], sum_g[Q], sum_H[kLower];
     first[0] = -twice * mu * height;
     GRASPFORCE_UNROLL
     for (int i = 1; i < Q; ++i) first[i] = twice * weight(i) * weight(i) * c[i];
     GRASPFORCE_UNROLL
-    for (int i = 0; i < Q; ++i) g[i] = cone_weight * first[i];
+    for (int i = 0; i < Q; ++i) sum_g[i] = cone_weight * first[i];
     if (with_hessian) {
-      H[0] = cone_weight * twice * mu * mu * ((height * height + radius * radius) * inverse_det);
+      const Lanes scaled = cone_weight * twice;
+      sum_H[0] = scaled * mu * mu * ((height * height + radius * radius) * inverse_det);
       GRASPFORCE_UNROLL
       for (int i = 1; i < Q; ++i) {
         GRASPFORCE_UNROLL
-        for (int j = 0; j < i; ++j) H[at(i, j)] = cone_weight * first[i] * first[j];
-        H[at(i, i)] = cone_weight * (first[i] * first[i] + twice * weight(i) * weight(i));
+        for (int j = 0; j < i; ++j) sum_H[at(i, j)] = sum_g[i] * first[j];
+        sum_H[at(i, i)] = sum_g[i] * first[i] + scaled * weight(i) * weight(i);
       }
     }
     auto add_row = [&](const Row& row, Lanes slope, Lanes bend) {
       GRASPFORCE_UNROLL
-      for (int i = 0; i < Q; ++i) g[i] += slope * row.a[i];
-      if (!with_hessian) return;
-      GRASPFORCE_UNROLL
       for (int i = 0; i < Q; ++i) {
+        sum_g[i] += slope * row.a[i];
         const Lanes scaled = bend * row.a[i];
         GRASPFORCE_UNROLL
-        for (int j = 0; j <= i; ++j) H[at(i, j)] += scaled * row.a[j];
+        for (int j = 0; j <= i && with_hessian; ++j) sum_H[at(i, j)] += scaled * row.a[j];
       }
     };
-    for (int r = 0; r < two_sided; ++r) {
-      const Row& row = rows[r];
-      const Lanes t = row.at(c), above = row.hi - t, below = t - row.lo;
+    const Row *row = rows.data(), *one_sided = row + two_sided, *end = row + rows.size();
+    for (; row != one_sided; ++row) {
+      const Lanes t = row->at(c), above = row->hi - t, below = t - row->lo;
       worst = min(worst, min(above, below));
       // 1/above and 1/below for one division
       const Lanes inverse = 1 / (above * below), up = below * inverse, down = above * inverse;
-      add_row(row, limit_weight * (up - down), limit_weight * (up * up + down * down));
+      add_row(*row, limit_weight * (up - down), limit_weight * (up * up + down * down));
     }
-    for (std::size_t r = two_sided; r < rows.size(); ++r) {
-      const Lanes above = rows[r].hi - rows[r].at(c), up = 1 / above;
+    for (; row != end; ++row) {
+      const Lanes above = row->hi - row->at(c), up = 1 / above;
       worst = min(worst, above);
-      add_row(rows[r], limit_weight * up, limit_weight * up * up);
+      add_row(*row, limit_weight * up, limit_weight * up * up);
     }
     auto bound_normal = [&](Lanes room, double sign) {
       worst = min(worst, room);
       const Lanes inverse = 1 / room;
-      g[0] += (sign * limit_weight) * inverse;
-      if (with_hessian) H[0] += limit_weight * inverse * inverse;
+      sum_g[0] += (sign * limit_weight) * inverse;
+      if (with_hessian) sum_H[0] += limit_weight * inverse * inverse;
     };
-    if (ceilings) bound_normal(ceiling - c[0], 1);
-    if (floors) bound_normal(c[0] - floor, -1);
+    if (layout.ceilings) bound_normal(ceiling - c[0], 1);
+    if (layout.floors) bound_normal(c[0] - floor, -1);
+    GRASPFORCE_UNROLL
+    for (int i = 0; i < Q; ++i) g[i] = sum_g[i];
+    GRASPFORCE_UNROLL
+    for (int i = 0; i < kLower && with_hessian; ++i) H[i] = sum_H[i];
     return worst;
   }
 
   // H = L D Lᵀ in place. A pivot lost to rounding is replaced by a tiny positive one.
-  void factor() {
+  GRASPFORCE_INLINE void factor() {
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) {
       Lanes pivot = H[at(i, i)];
@@ -199,8 +251,8 @@ struct LaneGroup {
 
   // Adds W (H⁻¹ g − c), or W H⁻¹ g alone, to a right-hand side; the first group sets it instead
   // (clearing it beforehand would cost more than the sum).
-  template <bool first>
-  void add_gradient(Lanes* rhs, bool less_forces) const {
+  template <bool first, bool less_forces>
+  GRASPFORCE_INLINE void add_gradient(Lanes* rhs) const {
     Lanes x[Q];
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) x[i] = g[i];
@@ -211,33 +263,39 @@ struct LaneGroup {
     for (int r = 0; r < kWrench; ++r) rhs[r] = first ? wrench(r, x) : rhs[r] + wrench(r, x);
   }
 
-  // Factors H and adds the group's share of the 6 × 6 system, W H⁻¹ Wᵀ, and its right-hand side.
+  // Factors H and adds the group's share of the 6 × 6 system. With Y = L⁻¹ Wᵀ it is Yᵀ D⁻¹ Y.
   template <bool first>
-  void add(WrenchSums& sums) {
+  GRASPFORCE_INLINE void add(WrenchSums& sums) {
     factor();
-    add_gradient<first>(sums.rhs, true);
+    add_gradient<first, true>(sums.rhs());
+    Lanes Y[kWrench][Q];
     GRASPFORCE_UNROLL
     for (int r = 0; r < kWrench; ++r) {
-      Lanes x[Q];
       GRASPFORCE_UNROLL
-      for (int i = 0; i < Q; ++i) x[i] = W[r][i];
-      solve(x);
+      for (int i = 0; i < Q; ++i) Y[r][i] = W[r][i];
+      forward(Y[r]);
+      Lanes scaled[Q];
+      GRASPFORCE_UNROLL
+      for (int i = 0; i < Q; ++i) scaled[i] = inverse[i] * Y[r][i];
       GRASPFORCE_UNROLL
       for (int s = 0; s <= r; ++s) {
-        Lanes& sum = sums.S[r * (r + 1) / 2 + s];
-        sum = first ? wrench(s, x) : sum + wrench(s, x);
+        Lanes dot = scaled[0] * Y[s][0];
+        GRASPFORCE_UNROLL
+        for (int i = 1; i < Q; ++i) dot += scaled[i] * Y[s][i];
+        Lanes& sum = sums.v[at(r, s)];
+        sum = first ? dot : sum + dot;
       }
     }
   }
 
   // x = L⁻¹ (Wᵀ ν − g), masked; returns its squared length in D⁻¹.
-  Lanes residual(const double* nu, Lanes* x) const {
+  GRASPFORCE_INLINE Lanes residual(const double* nu, Lanes* x) const {
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) {
       x[i] = -g[i];
       GRASPFORCE_UNROLL
       for (int r = 0; r < kWrench; ++r) x[i] += W[r][i] * nu[r];
-      x[i] *= mask;
+      x[i] *= mask[0];
     }
     forward(x);
     Lanes squared = {};
@@ -247,7 +305,7 @@ struct LaneGroup {
   }
 
   // The step d; returns its decrement squared.
-  Lanes step(const double* nu) {
+  GRASPFORCE_INLINE Lanes step(const double* nu) {
     const Lanes squared = residual(nu, d);
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) d[i] *= inverse[i];
@@ -284,55 +342,85 @@ struct LaneGroup {
     return worst;
   }
 
-  // The group's entries of four columns of a row-major matrix, masked.
-  static Lanes gather(const double* entries, const int* index, std::size_t shift, Lanes lanes) {
-    const double* from = entries + shift;
-    return lanes * Lanes{from[index[0]], from[index[1]], from[index[2]], from[index[3]]};
+  // Four numbers side by side.
+  static Lanes gather(const double* from, const int* at) {
+    return Lanes{from[at[0]], from[at[1]], from[at[2]], from[at[3]]};
   }
 
+  void set_forces(const double* from) {
+    GRASPFORCE_UNROLL
+    for (int i = 0; i < Q; ++i) c[i] = mask[i] * gather(from, component[i]);
+    c[0] += idle;
+  }
+
+  // c ← 2 last − before.
+  void extrapolate(const double* last, const double* before) {
+    GRASPFORCE_UNROLL
+    for (int i = 0; i < Q; ++i)
+      c[i] = mask[i] * (2 * gather(last, component[i]) - gather(before, component[i]));
+    c[0] += idle;
+  }
+
+  // From the last to the first: what a lane left over or a missing component writes is then
+  // overwritten by the one it repeats.
+  void get_forces(double* to) const {
+    GRASPFORCE_UNROLL
+    for (int i = Q - 1; i >= 0; --i) {
+      GRASPFORCE_UNROLL
+      for (int l = kLanes - 1; l >= 0; --l) to[component[i][l]] = c[i][l];
+    }
+  }
+
+  // The rows of W in use; the others are zeros. A group that is whole needs no masks.
   void load_map(const double* map, int m, const int* row, int k) {
-    for (int r = 0; r < k; ++r) {
-      GRASPFORCE_UNROLL
-      for (int i = 0; i < Q; ++i) W[r][i] = gather(map + std::size_t(row[r]) * m, start, i, mask);
-    }
-    for (int r = k; r < kWrench; ++r) std::fill_n(W[r], Q, Lanes{});
+    if (whole)
+      load_map<true>(map, m, row, k);
+    else
+      load_map<false>(map, m, row, k);
   }
-
-  void load_jacobian(const double* J, int joints) {
-    for (int r = 0; r < two_sided; ++r) {
-      int index[kLanes];
+  template <bool whole>
+  void load_map(const double* map, int m, const int* row, int k) {
+    GRASPFORCE_UNROLL
+    for (int r = 0; r < kWrench; ++r) {
+      const double* from = map + std::size_t(row[r]) * m;
       GRASPFORCE_UNROLL
-      for (int l = 0; l < kLanes; ++l) index[l] = start[l] * joints + rows[r].source[l];
-      GRASPFORCE_UNROLL
-      for (int i = 0; i < Q; ++i)
-        rows[r].a[i] = gather(J, index, std::size_t(i) * joints, rows[r].mask);
-    }
-  }
-
-  void load_limits(const Problem& p, const Layout& layout, int m) {
-    for (std::size_t r = 0; r < rows.size(); ++r) {
-      Row& row = rows[r];
-      for (int l = 0; l < kLanes; ++l) {
-        if (row.mask[l] == 0) continue;
-        const int source = row.source[l];
-        if (static_cast<int>(r) < two_sided) {
-          row.lo[l] = p.tau_lo[source] - p.tau_bias[source];
-          row.hi[l] = p.tau_hi[source] - p.tau_bias[source];
-        } else {
-          row.lo[l] = -kInfinity;
-          row.hi[l] = p.b[source];
-          for (int i = 0; i < Q; ++i) row.a[i][l] = p.A[source * m + start[l] + i];
-        }
+      for (int i = 0; i < Q; ++i) {
+        W[r][i] = Lanes{};
+        if (r < k)
+          W[r][i] = whole ? gather(from, component[i]) : mask[i] * gather(from, component[i]);
       }
     }
-    for (int l = 0; l < kLanes; ++l) {
-      if (contact[l] < 0) continue;
-      mu[l] = Q == 1 ? 1 : p.mu[contact[l]];
-      torsion[l] = p.mu[contact[l]] / p.gamma[contact[l]];
-      const double share = p.engagement[contact[l]];
-      ceiling[l] = layout.ceilings ? share * p.c_max[contact[l]] : kInfinity;
-      floor[l] = layout.floors ? share * p.c_min[contact[l]] : -kInfinity;
+  }
+
+  // The row's entries of J or A.
+  static void load_row(Row& row, const double* from) {
+    GRASPFORCE_UNROLL
+    for (int i = 0; i < Q; ++i) row.a[i] = row.mask[i] * gather(from, row.entry[i]);
+  }
+
+  void load_jacobian(const double* J) {
+    for (int r = 0; r < two_sided; ++r) load_row(rows[r], J);
+  }
+
+  void load_limits(const Problem& p, const Layout& layout) {
+    for (int r = 0; r < two_sided; ++r) {
+      Row& row = rows[r];
+      const Lanes there = row.mask[0], bias = gather(p.tau_bias, row.source);
+      row.lo = there > 0 ? gather(p.tau_lo, row.source) - bias : splat(-1);
+      row.hi = there > 0 ? gather(p.tau_hi, row.source) - bias : splat(1);
     }
+    for (std::size_t r = two_sided; r < rows.size(); ++r) {
+      Row& row = rows[r];
+      load_row(row, p.A);
+      row.lo = splat(-kInfinity);
+      row.hi = row.mask[0] > 0 ? gather(p.b, row.source) : splat(1);
+    }
+    const Lanes own = gather(p.mu, contact);
+    mu = rough > 0 ? own : splat(1);
+    torsion = soft > 0 ? own / gather(p.gamma, contact) : splat(1);
+    const Lanes share = gather(p.engagement, contact);
+    if (layout.ceilings) ceiling = idle > 0 ? splat(kInfinity) : share * gather(p.c_max, contact);
+    if (layout.floors) floor = idle > 0 ? splat(-kInfinity) : share * gather(p.c_min, contact);
   }
 
   // The normal force that alone uses up the tightest of the joints' torque ranges and the ceiling.
@@ -349,43 +437,44 @@ struct LaneGroup {
 // The 6 × 6 system, S = L D Lᵀ.
 class WrenchSystem {
  public:
-  // Takes the sums over the lanes; rows from `k` on are not in use. Returns the smallest pivot
-  // relative to its diagonal entry.
-  double factor(const WrenchSums& totals, int k) {
-    double entries[WrenchSums::kTriangle + 3];
-    for (int i = 0; i < WrenchSums::kTriangle; i += kLanes) {
-      const Lanes* v = totals.S + i;
-      const Lanes none = {};
-      const bool whole = i + kLanes <= WrenchSums::kTriangle;
-      const Lanes four = sums(v[0], whole ? v[1] : none, whole ? v[2] : none, whole ? v[3] : none);
-      for (int l = 0; l < kLanes; ++l) entries[i + l] = four[l];
-    }
-    double smallest = 1;
-    GRASPFORCE_UNROLL
-    for (int i = 0; i < kWrench; ++i) {
-      double* row = L_[i];
-      double scaled[kWrench];
-      double pivot = i < k ? entries[i * (i + 1) / 2 + i] : 1;
-      const double before = pivot;
-      GRASPFORCE_UNROLL
-      for (int j = 0; j < i; ++j) {
-        scaled[j] = entries[i * (i + 1) / 2 + j];
-        GRASPFORCE_UNROLL
-        for (int l = 0; l < j; ++l) scaled[j] -= L_[j][l] * scaled[l];
-      }
-      GRASPFORCE_UNROLL
-      for (int j = 0; j < i; ++j) {
-        row[j] = scaled[j] * inverse_[j];
-        pivot -= row[j] * scaled[j];
-      }
-      const double relative = pivot / before;
-      if (!(relative >= smallest)) smallest = relative;
-      inverse_[i] = 1 / (relative > 1e-15 ? pivot : 1e-15 * before);
-    }
-    return smallest;
+  // Rows from `k` on are not in use: they get a one on the diagonal.
+  void set_rows(int k) {
+    for (int r = 0; r < kWrench; ++r) unit_[r] = r < k ? 0 : 1;
   }
 
-  void solve(double* x) const {
+  // Takes the sums over the lanes, S and a right-hand side that is left in x. False when a pivot
+  // is next to nothing beside its diagonal entry: W may have dependent rows.
+  GRASPFORCE_INLINE bool factor(const WrenchSums& lanes, double* x) {
+    double entries[WrenchSums::kSize];
+    GRASPFORCE_UNROLL
+    for (int i = 0; i < WrenchSums::kSize; i += kLanes) {
+      const Lanes four = sums(lanes.v[i], lanes.v[i + 1], lanes.v[i + 2], lanes.v[i + 3]);
+      std::memcpy(entries + i, &four, sizeof four);
+    }
+    GRASPFORCE_UNROLL
+    for (int r = 0; r < kWrench; ++r) x[r] = entries[WrenchSums::kTriangle + r];
+    bool sound = true;
+    GRASPFORCE_UNROLL
+    for (int i = 0; i < kWrench; ++i) {
+      const double* row = entries + i * (i + 1) / 2;
+      double scaled[kWrench];
+      const double before = row[i] + unit_[i];
+      double pivot = before;
+      GRASPFORCE_UNROLL
+      for (int j = 0; j < i; ++j) {
+        scaled[j] = row[j];
+        GRASPFORCE_UNROLL
+        for (int l = 0; l < j; ++l) scaled[j] -= L_[j][l] * scaled[l];
+        L_[i][j] = scaled[j] * inverse_[j];
+        pivot -= scaled[j] * scaled[j] * inverse_[j];  // (shorter to wait for than L · scaled)
+      }
+      sound &= pivot > kSuspectPivot * before;
+      inverse_[i] = 1 / std::max(pivot, 1e-15 * before);
+    }
+    return sound;
+  }
+
+  GRASPFORCE_INLINE void solve(double* x) const {
     GRASPFORCE_UNROLL
     for (int i = 1; i < kWrench; ++i) {
       GRASPFORCE_UNROLL
@@ -401,7 +490,7 @@ class WrenchSystem {
   }
 
  private:
-  double L_[kWrench][kWrench], inverse_[kWrench];
+  double unit_[kWrench] = {}, L_[kWrench][kWrench], inverse_[kWrench];
 };
 
 }  // namespace graspforce

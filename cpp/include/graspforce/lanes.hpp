@@ -12,6 +12,9 @@
 #define GRASPFORCE_UNROLL _Pragma("GCC unroll 8")
 #endif
 
+// The kernels of a tick become one piece of code, so that what they hand on stays in registers.
+#define GRASPFORCE_INLINE __attribute__((always_inline)) inline
+
 namespace graspforce {
 
 inline constexpr int kLanes = 4;
@@ -29,6 +32,10 @@ inline double sum(Lanes a) { return (a[0] + a[1]) + (a[2] + a[3]); }
 inline double least(Lanes a) {
   const double x = a[0] < a[1] ? a[0] : a[1], y = a[2] < a[3] ? a[2] : a[3];
   return x < y ? x : y;
+}
+inline double greatest(Lanes a) {
+  const double x = a[0] > a[1] ? a[0] : a[1], y = a[2] > a[3] ? a[2] : a[3];
+  return x > y ? x : y;
 }
 
 // Sums over the lanes of four vectors at once: one transposition instead of four reductions.

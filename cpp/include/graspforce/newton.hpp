@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "graspforce/budget.hpp"
 #include "graspforce/cone.hpp"
 
 namespace graspforce {
@@ -19,12 +20,11 @@ struct Newton {
     Certified,  // W c = f, strictly inside, bound²/2 ≤ tol
     Astray,     // W c = f could not be restored within kPatience steps
     Slow,       // W c = f holds, but the minimum is still far after kTerm steps
-    Steps,      // out of steps
+    Spent,      // out of steps or time
     Boundary,   // rounding put the point on the boundary
     Overflow,
-  } end = End::Boundary;
-  int steps = 0;
-  double bound = kInfinity;  // on the decrement at the point reached
+  } end;
+  double bound;  // on the decrement at the point reached
 };
 
 // Steps from a point that lacks W c = f after which the start counts as leading nowhere, and steps
@@ -41,22 +41,18 @@ inline constexpr int kPatience = 12, kTerm = 25;
 // on no step may overshoot the minimum along its direction by much: the slope behind it tells,
 // without a single logarithm, and 1/(1 + λ) is a length that never does.
 template <class Barrier>
-Newton minimise(Barrier& barrier, double lambda, double tol, int max_steps, bool balanced) {
-  Newton result;
-  auto stop = [&result](Newton::End end) {
-    result.end = end;
-    return result;
-  };
-  for (;;) {
-    ++result.steps;
-    if (!std::isfinite(lambda)) return stop(Newton::End::Overflow);
+Newton minimise(Barrier& barrier, double lambda, double tol, Budget& budget, bool balanced) {
+  double bound = kInfinity;
+  for (int steps = 1;; ++steps) {
+    if (!std::isfinite(lambda)) return {Newton::End::Overflow, bound};
+    if (!budget.take()) return {Newton::End::Spent, bound};
     double taken = lambda < 0.25 ? 1 : std::min(1.0, 0.9 * barrier.step_limit());
     barrier.advance(taken);
-    result.bound = taken == 1 ? decrement_after(lambda) : kInfinity;
-    if (result.bound < kInfinity && result.bound * result.bound / 2 > tol)
-      result.bound = std::min(result.bound, barrier.decrement_bound(lambda));
-    if (result.bound * result.bound / 2 <= tol && barrier.wrench_error() < 1e-10)
-      return stop(barrier.inside() ? Newton::End::Certified : Newton::End::Boundary);
+    bound = taken == 1 ? decrement_after(lambda) : kInfinity;
+    if (bound < kInfinity && bound * bound / 2 > tol)
+      bound = std::min(bound, barrier.decrement_bound(lambda));
+    if (bound * bound / 2 <= tol && barrier.wrench_error() < 1e-10)
+      return {barrier.inside() ? Newton::End::Certified : Newton::End::Boundary, bound};
 
     // While W c = f is being restored Phi may well rise, and there is nothing to hold a step to.
     const double safe = balanced ? 1 / (1 + lambda) : taken;
@@ -65,13 +61,14 @@ Newton minimise(Barrier& barrier, double lambda, double tol, int max_steps, bool
       const double shorter = std::max(safe, taken / 2);
       barrier.advance(shorter - taken);
       taken = shorter;
+      bound = kInfinity;
       inside = barrier.evaluate();
     }
     balanced = balanced || taken == 1;
-    if (!inside) return stop(Newton::End::Boundary);
-    if (result.steps >= max_steps) return stop(Newton::End::Steps);
-    if (!balanced && result.steps >= kPatience) return stop(Newton::End::Astray);
-    if (result.steps >= kTerm && result.bound >= 1) return stop(Newton::End::Slow);
+    if (!inside) return {Newton::End::Boundary, bound};
+    if (budget.spent()) return {Newton::End::Spent, bound};
+    if (!balanced && steps >= kPatience) return {Newton::End::Astray, bound};
+    if (steps >= kTerm && bound >= 1) return {Newton::End::Slow, bound};
     lambda = barrier.newton();
   }
 }

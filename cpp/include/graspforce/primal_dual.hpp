@@ -19,6 +19,7 @@
 #include <vector>
 
 #include "graspforce/blocks.hpp"
+#include "graspforce/budget.hpp"
 #include "graspforce/certificate.hpp"
 #include "graspforce/schur.hpp"
 
@@ -32,7 +33,6 @@ struct PhaseOneResult {
     Steps,
     Overflow,
   } end = End::Steps;
-  int steps = 0;
   double violation = 0;  // σ
 };
 
@@ -52,30 +52,38 @@ class PrimalDual {
     std::size_t total = 0;
     for (const Part& part : blocks_.parts()) total += part.q * (7 + part.q + k);
     arena_.reset(total);
+    const Layout& layout = blocks_.layout();
+    cones_.resize(layout.contacts());
+    sides_.resize(2 * std::size_t(layout.joints + layout.inequalities + layout.contacts()));
     work_.clear();
+    work_.reserve(layout.contacts());
+    Side* sides = sides_.data();
+    Lifted* cones = cones_.data();
     for (const Part& part : blocks_.parts()) {
       const std::size_t q = part.q;
       Work w;
       for (double** vector : {&w.c, &w.d, &w.g, &w.h, &w.u, &w.v, &w.x}) *vector = arena_.take(q);
       w.H = arena_.take(q * q);
       w.Z = arena_.take(q * k);
-      w.hi.resize(part.rows);
-      w.lo.resize(part.rows);
-      w.cones.resize(part.tips.size());
-      work_.push_back(std::move(w));
+      w.hi = sides;
+      w.lo = sides + part.rows;
+      sides += 2 * part.rows;
+      w.cones = cones;
+      cones += part.tips.size();
+      std::fill(w.hi, sides, Side{});
+      work_.push_back(w);
     }
   }
 
-  PhaseOneResult find_inside(const Problem& problem, int max_steps, std::vector<double>& y,
+  PhaseOneResult find_inside(const Problem& problem, Budget& budget, std::vector<double>& y,
                              std::vector<double>& z) {
     relax();
     PhaseOneResult result;
     bool proved = false, promising = false;
-    while (result.steps < max_steps) {
+    for (bool first = true; budget.take(); first = false) {
       const double mu = complementarity();
       evaluate();
       factor();
-      ++result.steps;
       // The step is affine in the target τ of the complementarity: aim at τ = 0, see how far that
       // gets, and centre the more the less it does. Multipliers that promise a proof are centred
       // fully: such a step is taken whole, and a whole step leaves no dual residual.
@@ -88,9 +96,9 @@ class PrimalDual {
       direction(centering * mu);
       const double step = std::min(1.0, 0.99 * step_limit());
       if (!std::isfinite(dsigma_) || step < kLeastStep) {  // rounding has the upper hand
-        result.end = proved              ? PhaseOneResult::End::Infeasible
-                     : result.steps == 1 ? PhaseOneResult::End::Overflow
-                                         : PhaseOneResult::End::Closest;
+        result.end = proved  ? PhaseOneResult::End::Infeasible
+                     : first ? PhaseOneResult::End::Overflow
+                             : PhaseOneResult::End::Closest;
         break;
       }
       advance(step);
@@ -116,31 +124,31 @@ class PrimalDual {
     return result;
   }
 
-  // Leads from the point that find_inside reached to the minimum of Phi; the number of steps. It
-  // sets out with all weights equal, as the point was found, and lets the lighter ones down to
-  // their own as fast as the steps allow: a target far off centre would only be crept to.
-  int follow(double cone_weight, double limit_weight, int max_steps) {
+  // Leads from the point that find_inside reached to the minimum of Phi. It sets out with all
+  // weights equal, as the point was found, and lets the lighter ones down to their own as fast as
+  // the steps allow: a target far off centre would only be crept to.
+  void follow(double cone_weight, double limit_weight, Budget& budget) {
     sigma_ = dsigma_ = 0;
     relaxed_ = false;
     cone_weight_ = limit_weight_ = std::max(cone_weight, limit_weight);
     update_slacks();
     aim_at_center(1);
     bool feasible = false;  // y and z balance: true for good after a whole step
-    for (int steps = 0; steps < max_steps; ++steps) {
+    for (;;) {
       const bool there = cone_weight_ == cone_weight && limit_weight_ == limit_weight;
-      if (there && feasible && distance_to_target() < kClose) return steps;
+      if (there && feasible && distance_to_target() < kClose) return;
+      if (!budget.take()) return;
       evaluate();
       factor();
       direction(1);
       const double step = std::min(1.0, 0.99 * step_limit());
-      if (!(step > kLeastStep)) return steps + 1;
+      if (!(step > kLeastStep)) return;
       advance(step);
       feasible = feasible || step == 1;
       const double descent = step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
       cone_weight_ = std::max(cone_weight, descent * cone_weight_);
       limit_weight_ = std::max(limit_weight, descent * limit_weight_);
     }
-    return max_steps;
   }
 
   // The force reached, in the problem's order; contacts out of the grasp get zero.
@@ -169,8 +177,8 @@ class PrimalDual {
     double *c, *d, *g, *h, *u, *v;  // q: point, step, barrier gradient, σ column, L⁻¹ of both
     double* x;                      // q: the part of the step that σ multiplies
     double *H, *Z;                  // q × q, then its factor; q × k
-    std::vector<Side> hi, lo;       // rows
-    std::vector<Lifted> cones;      // tips
+    Side *hi, *lo;                  // rows
+    Lifted* cones;                  // tips
   };
 
   const Part& part(std::size_t b) const { return blocks_.parts()[b]; }
@@ -183,8 +191,7 @@ class PrimalDual {
         if (part(b).hi[r] < kInfinity) row(b, r, work_[b].hi[r], 1.0);
         if (part(b).lo[r] > -kInfinity) row(b, r, work_[b].lo[r], -1.0);
       }
-      for (std::size_t i = 0; i < part(b).tips.size(); ++i)
-        tips(b, part(b).tips[i], work_[b].cones[i]);
+      for (int i = 0; i < part(b).tips.size(); ++i) tips(b, part(b).tips[i], work_[b].cones[i]);
     }
   }
 
@@ -500,6 +507,8 @@ class PrimalDual {
 
   const Blocks& blocks_;
   std::vector<Work> work_;
+  std::vector<Side> sides_;
+  std::vector<Lifted> cones_;
   Arena arena_;
   Schur schur_;
   std::vector<double> nu_, aim_, center_, bend_;

@@ -10,73 +10,110 @@
 #include <vector>
 
 #include "graspforce/layout.hpp"
+#include "graspforce/linalg.hpp"
 
 namespace graspforce {
-
-struct Rank {
-  std::vector<int> rows;  // an independent set, best conditioned first
-  bool reachable;         // f lies in the range of W
-};
 
 inline constexpr double kRankTolerance = 1e-10;
 inline constexpr double kReachTolerance = 1e-9;
 
-// Gram-Schmidt with pivoting and reorthogonalisation over the rows of W, scaled to unit length
-// because forces and torques have different units; contacts out of the grasp do not count.
-inline Rank examine_rank(const Layout& layout, const Problem& p) {
-  const int k = layout.wrench_rows, m = layout.components();
-  std::vector<double> Q(static_cast<std::size_t>(k) * m), f(p.f, p.f + k), size(k), length(k, 1);
-  std::vector<bool> used(k, false);
-  double largest_f = 0;  // what rounding in f is measured by
-  for (int r = 0; r < k; ++r) largest_f = std::max(largest_f, std::abs(p.f[r]));
-  for (int r = 0; r < k; ++r) {
-    double sum = 0, largest = 0;
-    for (int i = 0, c = 0; i < layout.contacts(); ++i)
-      for (int d = 0; d < static_cast<int>(layout.models[i]); ++d, ++c) {
-        Q[r * m + c] = p.in_grasp(i) ? p.W[r * m + c] : 0;
-        largest = std::max(largest, std::abs(Q[r * m + c]));
-      }
-    for (int c = 0; c < m && largest > 0; ++c) sum += std::pow(Q[r * m + c] / largest, 2);
-    length[r] = sum > 0 ? largest * std::sqrt(sum) : 1;
-    for (int c = 0; c < m; ++c) Q[r * m + c] /= length[r];
-    f[r] /= length[r];
-    size[r] = std::abs(f[r]);
+class RankExamination {
+ public:
+  explicit RankExamination(const Layout& layout)
+      : layout_(layout),
+        k_(layout.wrench_rows),
+        m_(layout.components()),
+        Q_(static_cast<std::size_t>(k_) * m_),
+        f_(k_),
+        size_(k_),
+        length_(k_),
+        used_(k_) {
+    rows_.reserve(k_);
   }
-  // Eliminating row q from row r eliminates it from f as well; what is left of f on a row that
-  // vanishes is out of reach.
-  Rank rank{{}, true};
-  while (static_cast<int>(rank.rows.size()) < k) {
+
+  // An independent set of rows, best conditioned first.
+  const std::vector<int>& rows() const { return rows_; }
+  bool deficient() const { return static_cast<int>(rows_.size()) < k_; }
+  bool reachable() const { return reachable_; }  // f lies in the range of W
+
+  // Gram-Schmidt with pivoting and reorthogonalisation over the rows of W; contacts out of the
+  // grasp do not count.
+  void run(const Problem& p) {
+    scale_rows(p);
+    rows_.clear();
+    for (int best = longest_row(); best >= 0; best = longest_row()) {
+      used_[best] = true;
+      rows_.push_back(best);
+      eliminate(best);
+    }
+    // Eliminating a row from another eliminates it from f as well; what is left of f on a row that
+    // has vanished is out of reach.
+    double largest_f = 0;  // what rounding in f is measured by
+    for (int r = 0; r < k_; ++r) largest_f = std::max(largest_f, std::abs(p.f[r]));
+    reachable_ = true;
+    for (int r = 0; r < k_; ++r) {
+      const double left = std::abs(f_[r]) * length_[r];
+      if (!used_[r] && left > kReachTolerance * std::max(size_[r] * length_[r], largest_f))
+        reachable_ = false;
+    }
+  }
+
+ private:
+  double* row(int r) { return Q_.data() + static_cast<std::size_t>(r) * m_; }
+
+  // Rows of unit length: forces and torques have different units.
+  void scale_rows(const Problem& p) {
+    for (int r = 0; r < k_; ++r) {
+      double sum = 0, largest = 0;
+      for (int i = 0, c = 0; i < layout_.contacts(); ++i)
+        for (int d = 0; d < static_cast<int>(layout_.models[i]); ++d, ++c) {
+          row(r)[c] = p.in_grasp(i) ? p.W[static_cast<std::size_t>(r) * m_ + c] : 0;
+          largest = std::max(largest, std::abs(row(r)[c]));
+        }
+      for (int c = 0; c < m_ && largest > 0; ++c) sum += std::pow(row(r)[c] / largest, 2);
+      length_[r] = sum > 0 ? largest * std::sqrt(sum) : 1;
+      for (int c = 0; c < m_; ++c) row(r)[c] /= length_[r];
+      f_[r] = p.f[r] / length_[r];
+      size_[r] = std::abs(f_[r]);
+      used_[r] = false;
+    }
+  }
+
+  // The longest of the rows that are left, −1 when they have all vanished.
+  int longest_row() {
     int best = -1;
-    double longest = kRankTolerance;
-    for (int r = 0; r < k; ++r) {
-      double sum = 0;
-      for (int c = 0; c < m && !used[r]; ++c) sum += Q[r * m + c] * Q[r * m + c];
-      if (std::sqrt(sum) > longest) {
-        longest = std::sqrt(sum);
+    double longest = kRankTolerance * kRankTolerance;
+    for (int r = 0; r < k_; ++r) {
+      const double squared = used_[r] ? 0 : dot(row(r), row(r), m_);
+      if (squared > longest) {
+        longest = squared;
         best = r;
       }
     }
-    if (best < 0) break;
-    used[best] = true;
-    rank.rows.push_back(best);
-    for (int c = 0; c < m; ++c) Q[best * m + c] /= longest;
-    f[best] /= longest;
-    size[best] /= longest;
-    for (int r = 0; r < k; ++r) {
-      for (int pass = 0; pass < 2 && !used[r]; ++pass) {
-        double along = 0;
-        for (int c = 0; c < m; ++c) along += Q[r * m + c] * Q[best * m + c];
-        for (int c = 0; c < m; ++c) Q[r * m + c] -= along * Q[best * m + c];
-        f[r] -= along * f[best];
-        size[r] += std::abs(along) * size[best];
+    return best;
+  }
+
+  void eliminate(int best) {
+    const double inverse = 1 / std::sqrt(dot(row(best), row(best), m_));
+    for (int c = 0; c < m_; ++c) row(best)[c] *= inverse;
+    f_[best] *= inverse;
+    size_[best] *= inverse;
+    for (int r = 0; r < k_; ++r) {
+      for (int pass = 0; pass < 2 && !used_[r]; ++pass) {
+        const double along = dot(row(r), row(best), m_);
+        add_scaled(-along, row(best), m_, row(r));
+        f_[r] -= along * f_[best];
+        size_[r] += std::abs(along) * size_[best];
       }
     }
   }
-  for (int r = 0; r < k; ++r)
-    if (!used[r] &&
-        std::abs(f[r]) * length[r] > kReachTolerance * std::max(size[r] * length[r], largest_f))
-      rank.reachable = false;
-  return rank;
-}
+
+  const Layout& layout_;
+  int k_, m_;
+  std::vector<double> Q_, f_, size_, length_;
+  std::vector<char> used_;
+  std::vector<int> rows_;
+  bool reachable_ = true;
+};
 
 }  // namespace graspforce

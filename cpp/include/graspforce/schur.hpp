@@ -8,6 +8,9 @@
 
 namespace graspforce {
 
+// Pivot of S, relative to its diagonal entry, below which W may have dependent rows.
+inline constexpr double kSuspectPivot = 1e-10;
+
 // The k × k system S = Σ W_i H_i⁻¹ W_iᵀ.
 class Schur {
  public:

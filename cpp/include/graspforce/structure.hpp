@@ -5,6 +5,7 @@
 // is one block, the dense method of the paper.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <numeric>
@@ -14,11 +15,79 @@
 
 namespace graspforce {
 
+// A piece of a longer list.
+template <class T>
+class Span {
+ public:
+  Span() = default;
+  Span(T* first, int size) : first_(first), size_(size) {}
+  T* begin() const { return first_; }
+  T* end() const { return first_ + size_; }
+  int size() const { return size_; }
+  T& operator[](int i) const { return first_[i]; }
+
+ private:
+  T* first_ = nullptr;
+  int size_ = 0;
+};
+
+using Indices = Span<const int>;
+
+// The entries of a row-major matrix that have to be zero, as windows of four side by side (which
+// may overlap) and those that have no such neighbours.
+class Zeros {
+ public:
+  void reserve(std::size_t entries) {
+    fours_.reserve(entries / 2);
+    ones_.reserve(entries);
+  }
+
+  template <class Outside>
+  void find(int rows, int columns, Outside outside) {
+    fours_.clear();
+    ones_.clear();
+    const int count = rows * columns;
+    for (int at = 0, end; at < count; at = end + 1) {
+      for (end = at; end < count && outside(end / columns, end % columns);) ++end;
+      for (int i = at; end - at < 4 && i < end; ++i) ones_.push_back(i);
+      for (int i = at; end - at >= 4 && i < end; i += 4) fours_.push_back(std::min(i, end - 4));
+    }
+  }
+
+  // Whether any of them is not.
+  bool any(const double* entries) const {
+    typedef std::uint64_t Bits __attribute__((vector_size(32)));
+    constexpr std::uint64_t kMagnitude = ~std::uint64_t{0} >> 1;  // all bits but the sign
+    Bits even = {}, odd = {}, bits;
+    const std::size_t pairs = fours_.size() / 2;
+    for (std::size_t i = 0; i < 2 * pairs; i += 2) {
+      std::memcpy(&bits, entries + fours_[i], sizeof bits);
+      even |= bits;
+      std::memcpy(&bits, entries + fours_[i + 1], sizeof bits);
+      odd |= bits;
+    }
+    for (std::size_t i = 2 * pairs; i < fours_.size(); ++i) {
+      std::memcpy(&bits, entries + fours_[i], sizeof bits);
+      even |= bits;
+    }
+    even |= odd;
+    std::uint64_t found = even[0] | even[1] | even[2] | even[3], one;
+    for (int at : ones_) {
+      std::memcpy(&one, entries + at, sizeof one);
+      found |= one;
+    }
+    return (found & kMagnitude) != 0;
+  }
+
+ private:
+  std::vector<int> fours_, ones_;
+};
+
 struct Block {
-  std::vector<int> contacts;
-  std::vector<int> components;    // of c, contact by contact
-  std::vector<int> joints;        // columns of J that touch the block
-  std::vector<int> inequalities;  // rows of A that touch the block
+  Indices contacts;
+  Indices components;    // of c, contact by contact
+  Indices joints;        // columns of J that touch the block
+  Indices inequalities;  // rows of A that touch the block
 };
 
 // Contacts out of the grasp belong to no block, nor do joints and inequalities that touch only
@@ -37,8 +106,14 @@ class Structure {
     block_of_contact_.assign(n, kNone);
     block_of_joint_.assign(layout.joints, kNone);
     block_of_inequality_.assign(layout.inequalities, kNone);
-    outside_J_.resize(static_cast<std::size_t>(m) * layout.joints);
-    outside_A_.resize(static_cast<std::size_t>(m) * layout.inequalities);
+    blocks_.reserve(n);
+    ends_.reserve(n);
+    contacts_.resize(n);
+    components_.resize(m);
+    joints_.resize(layout.joints);
+    inequalities_.resize(layout.inequalities);
+    outside_J_.reserve(static_cast<std::size_t>(m) * layout.joints);
+    outside_A_.reserve(static_cast<std::size_t>(m) * layout.inequalities);
   }
 
   int start(int contact) const { return start_[contact]; }
@@ -52,62 +127,69 @@ class Structure {
     if (changed & kChangedRest) {
       for (int i = 0; i < layout_.contacts(); ++i)
         if (p.in_grasp(i) != (block_of_contact_[i] != kNone)) return false;
-      if (any_under(outside_A_, p.A)) return false;
+      if (outside_A_.any(p.A)) return false;
     }
-    if (changed & kChangedJacobian && any_under(outside_J_, p.J)) return false;
+    if (changed & kChangedJacobian && outside_J_.any(p.J)) return false;
     return all_in_grasp_ || !(changed & (kChangedJacobian | kChangedRest)) || same_limits_count(p);
   }
 
-  void find(const Problem& p) {
+  // Finds the blocks; with `everyone`, as if every contact were in the grasp. Does not allocate.
+  void find(const Problem& p, bool everyone = false) {
     const int n = layout_.contacts(), m = layout_.components();
+    auto takes_part = [&](int contact) { return everyone || p.in_grasp(contact); };
     std::iota(parent_.begin(), parent_.end(), 0);
-    auto touches_joint = [&](int row, int joint) {
-      return p.J[static_cast<std::size_t>(row) * layout_.joints + joint] != 0;
-    };
-    auto touches_inequality = [&](int column, int r) {
-      return p.A[static_cast<std::size_t>(r) * m + column] != 0;
-    };
-    std::vector<int> first_of_joint(layout_.joints, kNone);
-    std::vector<int> first_of_inequality(layout_.inequalities, kNone);
     for (int j = 0; j < layout_.joints; ++j)
-      first_of_joint[j] = unite(p, [&](int component) { return touches_joint(component, j); });
+      block_of_joint_[j] =
+          unite(takes_part, [&](int c) { return p.J[std::size_t(c) * layout_.joints + j] != 0; });
     for (int r = 0; r < layout_.inequalities; ++r)
-      first_of_inequality[r] =
-          unite(p, [&](int component) { return touches_inequality(component, r); });
+      block_of_inequality_[r] =
+          unite(takes_part, [&](int c) { return p.A[std::size_t(r) * m + c] != 0; });
 
     blocks_.clear();
     all_in_grasp_ = true;
     for (int i = 0; i < n; ++i) {
-      all_in_grasp_ &= p.in_grasp(i);
+      all_in_grasp_ &= takes_part(i);
       block_of_contact_[i] = kNone;
-      if (!p.in_grasp(i)) continue;
+      if (!takes_part(i)) continue;
       const int root = find_root(i);
       if (root == i) blocks_.emplace_back();
       block_of_contact_[i] =
           root == i ? static_cast<int>(blocks_.size()) - 1 : block_of_contact_[root];
-      Block& block = blocks_[block_of_contact_[i]];
-      block.contacts.push_back(i);
-      for (int c = start_[i]; c < start_[i + 1]; ++c) block.components.push_back(c);
     }
-    assign(first_of_joint, block_of_joint_, &Block::joints);
-    assign(first_of_inequality, block_of_inequality_, &Block::inequalities);
-    for (int component = 0; component < m; ++component) {
-      const int block = block_of_contact_[contact_of_[component]];
-      auto outside = [block](int other) {
-        return block != kNone && other != block ? kMagnitude : 0;
-      };
-      for (int j = 0; j < layout_.joints; ++j)
-        outside_J_[component * layout_.joints + j] = outside(block_of_joint_[j]);
-      for (int r = 0; r < layout_.inequalities; ++r)
-        outside_A_[r * m + component] = outside(block_of_inequality_[r]);
-    }
+    // From the first contact that a limit touches to its block.
+    unattached_ = 0;
+    auto settle = [&](std::vector<int>& block_of) {
+      for (int& first : block_of) {
+        unattached_ += first == kNoContact;
+        first = blocks_.empty() || first == kNone ? kNone
+                : first == kNoContact             ? 0
+                                                  : block_of_contact_[first];
+      }
+    };
+    settle(block_of_joint_);
+    settle(block_of_inequality_);
+    collect(contacts_, &Block::contacts, [&](int i) { return block_of_contact_[i]; });
+    collect(components_, &Block::components,
+            [&](int c) { return block_of_contact_[contact_of_[c]]; });
+    collect(joints_, &Block::joints, [&](int j) { return block_of_joint_[j]; });
+    collect(inequalities_, &Block::inequalities, [&](int r) { return block_of_inequality_[r]; });
+
+    auto outside = [](int block, int other) {
+      return block != kNone && other != kNone && other != block;
+    };
+    auto block_of = [&](int component) { return block_of_contact_[contact_of_[component]]; };
+    outside_J_.find(m, layout_.joints,
+                    [&](int c, int j) { return outside(block_of(c), block_of_joint_[j]); });
+    outside_A_.find(layout_.inequalities, m,
+                    [&](int r, int c) { return outside(block_of(c), block_of_inequality_[r]); });
   }
+
+  // Limits that touch no contact at all.
+  int unattached() const { return unattached_; }
 
  private:
   static constexpr int kNone = -1;
   static constexpr int kNoContact = -2;  // touches nothing, in the grasp or out of it
-
-  static constexpr std::uint64_t kMagnitude = ~std::uint64_t{0} >> 1;  // all bits but the sign
 
   // With a contact out of the grasp: whether the limits that touch no other are still the same.
   bool same_limits_count(const Problem& p) const {
@@ -126,42 +208,16 @@ class Structure {
     return true;
   }
 
-  // Whether any entry under the mask differs from zero.
-  static bool any_under(const std::vector<std::uint64_t>& mask, const double* entries) {
-    typedef std::uint64_t Bits __attribute__((vector_size(32)));
-    const std::size_t count = mask.size();
-    std::size_t i = 0;
-    Bits four = {};
-    auto look = [&](std::size_t at) {
-      Bits bits, wanted;
-      std::memcpy(&bits, entries + at, sizeof bits);
-      std::memcpy(&wanted, mask.data() + at, sizeof wanted);
-      four |= bits & wanted;
-    };
-    for (; i + 12 <= count; i += 12) {
-      look(i);
-      look(i + 4);
-      look(i + 8);
-    }
-    std::uint64_t found = four[0] | four[1] | four[2] | four[3];
-    for (; i < count; ++i) {
-      std::uint64_t bits;
-      std::memcpy(&bits, entries + i, sizeof bits);
-      found |= bits & mask[i];
-    }
-    return found != 0;
-  }
-
   // Joins all contacts in the grasp that a limit touches; returns the first of them.
-  template <class Touches>
-  int unite(const Problem& p, Touches touches) {
+  template <class TakesPart, class Touches>
+  int unite(TakesPart takes_part, Touches touches) {
     int first = kNone;
     bool any = false;
     for (int c = 0; c < layout_.components(); ++c) {
       if (!touches(c)) continue;
       any = true;
       const int contact = contact_of_[c];
-      if (!p.in_grasp(contact)) continue;
+      if (!takes_part(contact)) continue;
       if (first == kNone) first = contact;
       const int a = find_root(first), b = find_root(contact);
       parent_[a < b ? b : a] = a < b ? a : b;  // the root is the smallest: it is met first
@@ -174,22 +230,32 @@ class Structure {
     return contact;
   }
 
-  void assign(const std::vector<int>& first, std::vector<int>& block_of,
-              std::vector<int> Block::* list) {
-    for (std::size_t limit = 0; limit < first.size(); ++limit) {
-      block_of[limit] = kNone;
-      if (blocks_.empty() || first[limit] == kNone) continue;
-      block_of[limit] = first[limit] == kNoContact ? 0 : block_of_contact_[first[limit]];
-      (blocks_[block_of[limit]].*list).push_back(static_cast<int>(limit));
+  // Lists the items of every block, block by block in one list (a counting sort).
+  template <class BlockOf>
+  void collect(std::vector<int>& list, Indices Block::* items, BlockOf block_of) {
+    const int count = static_cast<int>(list.size());
+    ends_.assign(blocks_.size(), 0);
+    for (int item = 0; item < count; ++item)
+      if (block_of(item) != kNone) ++ends_[block_of(item)];
+    int end = 0;
+    for (std::size_t b = 0; b < blocks_.size(); ++b) {
+      blocks_[b].*items = Indices(list.data() + end, ends_[b]);
+      end += ends_[b];
+      ends_[b] = end - ends_[b];
     }
+    for (int item = 0; item < count; ++item)
+      if (block_of(item) != kNone) list[ends_[block_of(item)]++] = item;
   }
 
   const Layout& layout_;
   std::vector<int> start_, contact_of_, parent_;
   std::vector<int> block_of_contact_, block_of_joint_, block_of_inequality_;
+  std::vector<int> contacts_, components_, joints_, inequalities_;  // the blocks' lists
+  std::vector<int> ends_;
   std::vector<Block> blocks_;
+  int unattached_ = 0;
   bool all_in_grasp_ = true;
-  std::vector<std::uint64_t> outside_J_, outside_A_;  // masks of entries that have to be zero
+  Zeros outside_J_, outside_A_;
 };
 
 }  // namespace graspforce
