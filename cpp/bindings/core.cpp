@@ -7,7 +7,9 @@
 #include <nanobind/stl/vector.h>
 #include <numpy/arrayobject.h>
 
+#include <algorithm>
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <cstring>
 #include <memory>
@@ -90,6 +92,13 @@ NumpyVector view(nb::handle owner, const double* data, std::size_t size) {
   return NumpyVector(data, {size}, owner);
 }
 
+// An array that owns its numbers.
+nb::object own_array(std::vector<double> numbers) {
+  auto* own = new std::vector<double>(std::move(numbers));
+  nb::capsule owner(own, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
+  return nb::cast(NumpyVector(own->data(), {own->size()}, owner));
+}
+
 // Getter of one of an outcome's arrays, and of one that is there only with a certificate.
 auto field(const double* (Outcome::*data)() const, std::size_t Outcome::* size) {
   return [data, size](nb::handle_t<Outcome> self) {
@@ -165,7 +174,7 @@ class Servo {
     const bool finite = collect();
     compare();
     if (!finite || !plausible()) {
-      refuse_(copy(numbers_));
+      refuse_(own_array(numbers_));
       throw nb::value_error("the numbers of the tick do not make a problem");
     }
     return statuses_[static_cast<int>(solve().status)];
@@ -208,7 +217,7 @@ class Servo {
 
   std::vector<double>& numbers() { return numbers_; }
   const Engine& engine() const { return engine_; }
-  nb::object packed() const { return copy(now_); }
+  nb::object packed() const { return own_array(now_); }
 
  private:
   struct Slot {
@@ -234,12 +243,6 @@ class Servo {
    private:
     bool& busy_;
   };
-
-  static nb::object copy(const std::vector<double>& numbers) {
-    auto* own = new std::vector<double>(numbers);
-    nb::capsule owner(own, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
-    return nb::cast(NumpyVector(own->data(), {own->size()}, owner));
-  }
 
   // Sets out from the numbers as they stand; false unless all of them are finite.
   bool collect() { return copy_finite(numbers_.data(), next_.data(), numbers_.size()); }
@@ -389,6 +392,43 @@ class Solver {
   Engine engine_;
 };
 
+// Time of every tick over a stream of problems that differ in W, f and J (T rows, `rounds` times;
+// the first round warms up and is left out), or with `cold` of every solve of it, as a C++
+// controller would see it [ns]. The clock's own time is taken off.
+using Stream = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+nb::object time_ticks(int wrench_rows, const std::vector<int>& dims, int joints, int inequalities,
+                      bool ceilings, bool floors, Stream packed, int rounds, double tol,
+                      int max_steps, bool cold) {
+  using Clock = std::chrono::steady_clock;
+  const auto nanoseconds = [](Clock::duration time) {
+    return std::chrono::duration<double, std::nano>(time).count();
+  };
+  Engine engine(make_layout(wrench_rows, dims, joints, inequalities, ceilings, floors));
+  if (packed.shape(1) != packed_size(engine.layout())) throw nb::value_error("packed: wrong size");
+  std::vector<double> empty(1001), times;
+  times.reserve(packed.shape(0) * std::size_t(rounds));
+  for (double& time : empty) {
+    const Clock::time_point start = Clock::now();
+    time = nanoseconds(Clock::now() - start);
+  }
+  std::nth_element(empty.begin(), empty.begin() + 500, empty.end());
+  const Settings settings{tol, max_steps};
+  for (int round = 0; round <= rounds; ++round) {
+    for (std::size_t tick = 0; tick < packed.shape(0); ++tick) {
+      const double* problem = packed.data() + tick * packed.shape(1);
+      const unsigned changed = round == 0 ? kChangedAll : kChangedMap | kChangedJacobian;
+      const Clock::time_point start = Clock::now();
+      if (cold)
+        engine.solve(problem, settings);
+      else
+        engine.tick(problem, settings, changed);
+      const Clock::time_point end = Clock::now();
+      if (round > 0) times.push_back(nanoseconds(end - start) - empty[500]);
+    }
+  }
+  return own_array(std::move(times));
+}
+
 }  // namespace
 }  // namespace graspforce
 
@@ -411,6 +451,11 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
 #endif
       },
       "Whether this processor runs the module built for AVX2 and FMA.");
+
+  module.def("time_ticks", &graspforce::time_ticks, "wrench_rows"_a, "dims"_a, "joints"_a,
+             "inequalities"_a, "ceilings"_a, "floors"_a, "packed"_a, "rounds"_a, "tol"_a,
+             "max_steps"_a, "cold"_a,
+             "Times of warm ticks, or of cold solves, without Python in between [ns].");
 
   nb::class_<Outcome>(module, "Outcome", nb::pooled())
       .def_prop_ro("status", [](const Outcome& o) { return static_cast<int>(o.result.status); })

@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 def has_avx2() -> bool:
     """Whether this processor runs the module built for AVX2 and FMA."""
 
+def time_ticks(wrench_rows: int, dims: Sequence[int], joints: int, inequalities: int, ceilings: bool, floors: bool, packed: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], rounds: int, tol: float, max_steps: int, cold: bool) -> object:
+    """
+    Times of warm ticks, or of cold solves, without Python in between [ns].
+    """
+
 class Outcome:
     @property
     def status(self) -> int: ...
