@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 #include <numpy/arrayobject.h>
 
@@ -15,6 +16,7 @@
 #include <memory>
 #include <optional>
 #include <stdexcept>
+#include <tuple>
 #include <vector>
 
 #include "graspforce/engine.hpp"
@@ -114,6 +116,28 @@ auto proof(const double* (Outcome::*data)() const, std::size_t Outcome::* size) 
   };
 }
 
+// A graspforce.Solution of an outcome and its problem (or layout), without the call of its
+// __init__: that takes longer than a Newton step.
+nb::object make_solution(nb::handle solution, const nb::object& outcome, nb::handle problem) {
+  static PyObject* const outcome_name = PyUnicode_InternFromString("_outcome");
+  static PyObject* const problem_name = PyUnicode_InternFromString("_problem");
+  auto* type = reinterpret_cast<PyTypeObject*>(solution.ptr());
+  nb::object made = nb::steal(type->tp_alloc(type, 0));
+  if (!made.is_valid() || PyObject_GenericSetAttr(made.ptr(), outcome_name, outcome.ptr()) != 0 ||
+      PyObject_GenericSetAttr(made.ptr(), problem_name, problem.ptr()) != 0)
+    nb::raise_python_error();
+  return made;
+}
+
+// The numbers of a plain float64 array of one axis.
+const double* doubles(nb::handle object, std::size_t size) {
+  auto* array = reinterpret_cast<PyArrayObject*>(object.ptr());
+  if (!PyArray_Check(object.ptr()) || PyArray_TYPE(array) != NPY_DOUBLE ||
+      !PyArray_ISCARRAY_RO(array) || PyArray_SIZE(array) != npy_intp(size))
+    throw nb::value_error("expected a float64 array of the problem's size");
+  return static_cast<const double*>(PyArray_DATA(array));
+}
+
 // Fields of a tick, in the order of Servo.step.
 enum Field {
   kF,
@@ -192,7 +216,7 @@ class Servo {
     if (!plausible()) return nb::none();
     for (int field = 0; field < kAlpha; ++field)
       if (given[field] != Py_None) slots_[field].copy(next_, numbers_);
-    return make_solution(nb::cast(outcome(solve())));
+    return make_solution(solution_, nb::cast(outcome(solve())), shape_);
   }
 
   Outcome step_problem(Vector packed) {
@@ -278,18 +302,6 @@ class Servo {
     return shape[0] == slot.rows && (axes == 1 || shape[1] == slot.columns);
   }
 
-  // A graspforce.Solution, without the call of its __init__: that takes longer than the Newton
-  // step.
-  nb::object make_solution(const nb::object& outcome) const {
-    auto* type = reinterpret_cast<PyTypeObject*>(solution_.ptr());
-    nb::object solution = nb::steal(type->tp_alloc(type, 0));
-    if (!solution.is_valid() ||
-        PyObject_GenericSetAttr(solution.ptr(), outcome_name_.ptr(), outcome.ptr()) != 0 ||
-        PyObject_GenericSetAttr(solution.ptr(), problem_name_.ptr(), shape_.ptr()) != 0)
-      nb::raise_python_error();
-    return solution;
-  }
-
   bool differ(std::size_t begin, std::size_t end) const {
     return std::memcmp(now_.data() + begin, next_.data() + begin, (end - begin) * sizeof(double));
   }
@@ -335,8 +347,6 @@ class Servo {
   Settings settings_;
   std::vector<nb::object> statuses_;
   nb::object refuse_, solution_, shape_;
-  nb::object outcome_name_ = nb::steal(PyUnicode_InternFromString("_outcome"));
-  nb::object problem_name_ = nb::steal(PyUnicode_InternFromString("_problem"));
   std::vector<double> numbers_;     // as Python sees and writes them
   std::vector<double> now_, next_;  // of the last tick, and of the one that is being made
   std::array<Slot, kAlpha> slots_;
@@ -368,29 +378,61 @@ PyMethodDef servo_methods[] = {
     {nullptr, nullptr, 0, nullptr}};
 PyType_Slot servo_slots[] = {{Py_tp_methods, servo_methods}, {0, nullptr}};
 
-class Solver {
+// The engines that a thread keeps for its cold solves, the last used first: set-up allocates.
+class KeptEngines {
  public:
-  Solver(int wrench_rows, const std::vector<int>& dims, int joints, int inequalities, bool ceilings,
-         bool floors)
-      : engine_(make_layout(wrench_rows, dims, joints, inequalities, ceilings, floors)) {}
-
-  Outcome solve(Vector packed, double tol, int max_steps, double budget_us,
-                std::optional<Vector> start) {
-    if (packed.size() != packed_size(engine_.layout())) throw nb::value_error("packed: wrong size");
-    if (start && int(start->size()) != engine_.layout().components())
-      throw nb::value_error("start: wrong size");
-    Result result;
-    {
-      const Release release(engine_.layout());
-      result = engine_.solve(packed.data(), {tol, max_steps, budget_us},
-                             start ? start->data() : nullptr);
+  // `layout` is a graspforce.problem.Layout.
+  Engine& find(nb::handle layout) {
+    auto found = std::find_if(engines_.begin(), engines_.end(),
+                              [&](auto& engine) { return describes(layout, engine->layout()); });
+    if (found == engines_.end()) {
+      if (engines_.size() == kMost) engines_.pop_back();
+      const auto [wrench_rows, dims, joints, inequalities, ceilings, floors] =
+          nb::cast<std::tuple<int, std::vector<int>, int, int, bool, bool>>(layout);
+      engines_.push_back(std::make_unique<Engine>(
+          make_layout(wrench_rows, dims, joints, inequalities, ceilings, floors)));
+      found = engines_.end() - 1;
     }
-    return Outcome(engine_, result, nullptr, 0);
+    std::rotate(engines_.begin(), found, found + 1);
+    return *engines_.front();
   }
 
  private:
-  Engine engine_;
+  static constexpr std::size_t kMost = 16;
+
+  static bool describes(nb::handle tuple, const Layout& layout) {
+    const auto number = [](PyObject* items, int i) {
+      return PyLong_AsLong(PyTuple_GET_ITEM(items, i));
+    };
+    PyObject *items = tuple.ptr(), *dims = PyTuple_GET_ITEM(items, 1);
+    if (number(items, 0) != layout.wrench_rows || PyTuple_GET_SIZE(dims) != layout.contacts() ||
+        number(items, 2) != layout.joints || number(items, 3) != layout.inequalities ||
+        number(items, 4) != layout.ceilings || number(items, 5) != layout.floors)
+      return false;
+    for (int i = 0; i < layout.contacts(); ++i)
+      if (number(dims, i) != static_cast<int>(layout.models[i])) return false;
+    return true;
+  }
+
+  std::vector<std::unique_ptr<Engine>> engines_;
 };
+
+// Solves a graspforce.ForceProblem, given with its layout and its buffer, from nothing or from
+// `start` (None, or m float64 forces); `solution` is graspforce.Solution, what comes back one of
+// its objects.
+nb::object solve(nb::handle solution, nb::handle problem, nb::handle layout, nb::handle packed,
+                 nb::handle start, double tol, int max_steps, double budget_us) {
+  thread_local KeptEngines engines;
+  Engine& engine = engines.find(layout);
+  const double* numbers = doubles(packed, packed_size(engine.layout()));
+  const double* forces = start.is_none() ? nullptr : doubles(start, engine.layout().components());
+  Result result;
+  {
+    const Release release(engine.layout());
+    result = engine.solve(numbers, {tol, max_steps, budget_us}, forces);
+  }
+  return make_solution(solution, nb::cast(Outcome(engine, result, nullptr, 0)), problem);
+}
 
 // Time of every tick over a stream of problems that differ in W, f and J (T rows, `rounds` times;
 // the first round warms up and is left out), or with `cold` of every solve of it, as a C++
@@ -438,7 +480,6 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
   using graspforce::Outcome;
   using graspforce::proof;
   using graspforce::Servo;
-  using graspforce::Solver;
   module.doc() = "The compiled core of graspforce; see graspforce._engine.";
 
   module.def(
@@ -451,6 +492,10 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
 #endif
       },
       "Whether this processor runs the module built for AVX2 and FMA.");
+
+  module.def("solve", &graspforce::solve, "solution"_a, "problem"_a, "layout"_a, "packed"_a,
+             "start"_a.none(), "tol"_a, "max_steps"_a, "budget_us"_a,
+             "Solves a ForceProblem; what comes back is a `solution`.");
 
   module.def("time_ticks", &graspforce::time_ticks, "wrench_rows"_a, "dims"_a, "joints"_a,
              "inequalities"_a, "ceilings"_a, "floors"_a, "packed"_a, "rounds"_a, "tol"_a,
@@ -469,12 +514,6 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("y", proof(&Outcome::y, &Outcome::k))
       .def_prop_ro("z", proof(&Outcome::z, &Outcome::limits))
       .def_prop_ro("packed", field(&Outcome::snapshot, &Outcome::packed));
-
-  nb::class_<Solver>(module, "Solver")
-      .def(nb::init<int, std::vector<int>, int, int, bool, bool>(), "wrench_rows"_a, "dims"_a,
-           "joints"_a, "inequalities"_a, "ceilings"_a, "floors"_a)
-      .def("solve", &Solver::solve, "packed"_a, "tol"_a, "max_steps"_a, "budget_us"_a,
-           "start"_a.none());
 
   using Numbers = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
   nb::class_<Servo>(module, "Servo", nb::type_slots(graspforce::servo_slots))

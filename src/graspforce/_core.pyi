@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 def has_avx2() -> bool:
     """Whether this processor runs the module built for AVX2 and FMA."""
 
+def solve(solution: object, problem: object, layout: object, packed: object, start: object | None, tol: float, max_steps: int, budget_us: float) -> object:
+    """Solves a ForceProblem; what comes back is a `solution`."""
+
 def time_ticks(wrench_rows: int, dims: Sequence[int], joints: int, inequalities: int, ceilings: bool, floors: bool, packed: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], rounds: int, tol: float, max_steps: int, cold: bool) -> object:
     """
     Times of warm ticks, or of cold solves, without Python in between [ns].
@@ -49,11 +52,6 @@ class Outcome:
 
     @property
     def packed(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
-
-class Solver:
-    def __init__(self, wrench_rows: int, dims: Sequence[int], joints: int, inequalities: int, ceilings: bool, floors: bool) -> None: ...
-
-    def solve(self, packed: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], tol: float, max_steps: int, budget_us: float, start: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)] | None) -> Outcome: ...
 
 class Servo:
     def __init__(self, wrench_rows: int, dims: Sequence[int], joints: int, inequalities: int, ceilings: bool, floors: bool, packed: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], tol: float, max_steps: int, budget_us: float, statuses: Sequence[object], refuse: object, solution: object, shape: object) -> None: ...

@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 import importlib
 import math
-import threading
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -19,11 +19,10 @@ from graspforce.settings import Settings
 
 # The same core stands in a second module, built for wider registers, where there are such.
 _module = importlib.import_module("graspforce._core_avx2") if _core.has_avx2() else _core
-Solver: type[_core.Solver] = _module.Solver
+_native_solve: Callable[..., Any] = _module.solve
 NativeServo: type[_core.Servo] = _module.Servo
 
-# Layouts for which a thread keeps its solver.
-SOLVERS_KEPT = 16
+_T = TypeVar("_T")
 
 
 class ServoBackend(Protocol):
@@ -138,26 +137,18 @@ class ReferenceServo:
         self._past = []
 
 
-_cache = threading.local()
-
-
-def _native_solver(layout: Layout) -> _core.Solver:
-    """Return this thread's solver for a layout; set-up allocates, so the last ones are kept."""
-    solvers: dict[Layout, _core.Solver] = _cache.__dict__.setdefault("solvers", {})
-    solver = solvers.get(layout)
-    if solver is None:
-        if len(solvers) >= SOLVERS_KEPT:
-            solvers.pop(next(iter(solvers)))
-        solver = solvers[layout] = Solver(*layout)
-    return solver
-
-
-def solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Outcome:
-    """Solve from a cold start, or from ``start``, with the backend that the settings name."""
+def solve(
+    problem: ForceProblem,
+    settings: Settings,
+    start: Array | None,
+    solution: Callable[[Outcome, ForceProblem], _T],
+) -> _T:
+    """Solve from a cold start, or from ``start``; ``solution`` is the class of what comes back."""
     if settings.backend == "reference":
-        return reference.solve(problem, settings, start)
-    solver = _native_solver(problem.layout)
-    return solver.solve(problem.packed, *_limits(settings), start)
+        return solution(reference.solve(problem, settings, start), problem)
+    return _native_solve(
+        solution, problem, problem.layout, problem.packed, start, *_limits(settings)
+    )
 
 
 def make_servo(problem: ForceProblem, settings: Settings, solution: type) -> ServoBackend:

@@ -37,7 +37,7 @@ def solve(
     """
     settings = settings or DEFAULT
     guess = None if start is None else as_array(start, "start", (problem.m,))
-    solution = Solution(_engine.solve(problem, settings, guess), problem)
+    solution = _engine.solve(problem, settings, guess, Solution)
     if check:
         solution.raise_if_failed()
     return solution
