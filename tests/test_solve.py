@@ -2,6 +2,7 @@
 
 import math
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -373,3 +374,16 @@ def test_repr_names_the_verdict_and_the_margins(solved, overloaded):
 
 def test_the_problem_is_at_hand(planted, default):
     assert gf.solve(planted.problem, default).problem is planted.problem
+
+
+def test_cold_solves_in_threads_and_many_shapes_answer_as_they_do_alone():
+    """More shapes than a thread keeps engines for, so that engines come and go."""
+    problems = [
+        plant(np.random.default_rng(seed), ["PCWF"] * (3 + seed % 9), bias=seed > 9).problem
+        for seed in range(20)
+    ]
+    alone = [gf.solve(problem).c for problem in problems]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(gf.solve, problems * 5))
+    for solution, c in zip(together, alone * 5, strict=True):
+        assert np.array_equal(solution.c, c)

@@ -71,11 +71,19 @@ class Barrier {
       for (int i = 0; i < part(b).q; ++i) c[part(b).block->components[i]] = work_[b].c[i];
   }
 
-  // Pure pushes, each `fraction` of its contact's reach.
+  // Pure pushes, each `fraction` of its contact's reach; less in a block where that would pass a
+  // limit that weaker pushes keep to.
   void set_pushes(double fraction) {
     for (std::size_t b = 0; b < work_.size(); ++b) {
       std::fill(work_[b].c, work_[b].c + part(b).q, 0.0);
       for (const Tip& tip : part(b).tips) work_[b].c[tip.first] = fraction * tip.reach;
+      double used = kMostUsed;
+      for (int r = 0; r < part(b).rows; ++r) {
+        const double t = dot(part(b).a + r * part(b).q, work_[b].c, part(b).q);
+        const double limit = t > 0 ? part(b).hi[r] : part(b).lo[r];
+        if (t * limit > 0) used = std::max(used, t / limit);
+      }
+      for (const Tip& tip : part(b).tips) work_[b].c[tip.first] *= kMostUsed / used;
     }
   }
 

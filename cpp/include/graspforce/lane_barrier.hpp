@@ -96,7 +96,7 @@ class LaneBarrier {
     for (const Group& group : *this) group.get_forces(c);
   }
 
-  // Pure pushes, each `fraction` of its contact's reach.
+  // Pure pushes, each `fraction` of its contact's reach or what the limits leave of that.
   void set_pushes(double fraction) {
     double known = 0, wrench = 0;
     for (const Group& group : *this) {
@@ -106,10 +106,7 @@ class LaneBarrier {
     }
     for (const Lanes& half : f_) wrench = std::max(wrench, greatest(abs(half)));
     const Lanes fallback = splat(known > 0 ? known : wrench > 0 ? wrench : 1);
-    for (Group& group : *this) {
-      group.c[0] = group.idle > 0 ? splat(1) : fraction * min(group.reach(), fallback);
-      for (int i = 1; i < Q; ++i) group.c[i] = Lanes{};
-    }
+    for (Group& group : *this) group.push(fraction * min(group.reach(), fallback));
   }
 
   bool inside() const {

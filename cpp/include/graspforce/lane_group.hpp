@@ -423,6 +423,17 @@ struct LaneGroup {
     if (layout.floors) floor = idle > 0 ? splat(-kInfinity) : share * gather(p.c_min, contact);
   }
 
+  // A pure push, less where that would pass a limit that a weaker push keeps to.
+  void push(Lanes normal) {
+    Lanes used = splat(kMostUsed);
+    for (const Row& row : rows) {
+      const Lanes t = row.a[0] * normal, up = t / row.hi, down = t / row.lo;
+      used = max(used, t > 0 ? (row.hi > 0 ? up : used) : (row.lo < 0 ? down : used));
+    }
+    c[0] = idle > 0 ? splat(1) : normal * (kMostUsed / used);
+    for (int i = 1; i < Q; ++i) c[i] = Lanes{};
+  }
+
   // The normal force that alone uses up the tightest of the joints' torque ranges and the ceiling.
   Lanes reach() const {
     Lanes least = ceiling;

@@ -15,6 +15,9 @@ enum class Model : int { FPC = 1, PCWF = 3, SFC = 4 };
 // A contact at or below this engagement is out of the grasp (end of Section III-C.3).
 inline constexpr double kRemovalThreshold = 1e-6;
 
+// Share of a limit that the pushes of a cold start use up at most.
+inline constexpr double kMostUsed = 0.9;
+
 struct Layout {
   int wrench_rows = 6;        // k, rows of W
   std::vector<Model> models;  // n contacts
