@@ -332,7 +332,7 @@ struct LaneGroup {
     const Lanes inverse_step = qb < 0 ? (root - qb) / qc : -qa / (root + qb);
     worst = max(worst, inverse_step == inverse_step ? inverse_step : Lanes{});  // 0/0: d is zero
     auto limit = [&worst](Lanes above, Lanes below, Lanes change) {
-      worst = max(worst, max(change / above, -change / below));
+      worst = max(worst, abs(change) / (change > 0 ? above : below));
     };
     limit(ceiling - c[0], c[0] - floor, d[0]);
     for (const Row& row : rows) {
