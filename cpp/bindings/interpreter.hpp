@@ -1,0 +1,70 @@
+// What the bindings share: arrays to and from NumPy, layouts, the interpreter's lock.
+#pragma once
+
+#define NPY_NO_DEPRECATED_API NPY_2_0_API_VERSION
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <numpy/arrayobject.h>
+
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "graspforce/layout.hpp"
+
+namespace nb = nanobind;
+
+namespace graspforce {
+
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using NumpyVector = nb::ndarray<nb::numpy, const double, nb::ndim<1>>;
+
+inline Layout make_layout(int wrench_rows, const std::vector<int>& dims, int joints,
+                          int inequalities, bool ceilings, bool floors) {
+  Layout layout;
+  layout.wrench_rows = wrench_rows;
+  for (int dim : dims) layout.models.push_back(static_cast<Model>(dim));
+  layout.joints = joints;
+  layout.inequalities = inequalities;
+  layout.ceilings = ceilings;
+  layout.floors = floors;
+  return layout;
+}
+
+inline std::size_t packed_size(const Layout& layout) { return Offsets(layout).size; }
+
+// A read-only array that keeps its outcome alive.
+inline NumpyVector view(nb::handle owner, const double* data, std::size_t size) {
+  return NumpyVector(data, {size}, owner);
+}
+
+// An array that owns its numbers.
+inline nb::object own_array(std::vector<double> numbers) {
+  auto* own = new std::vector<double>(std::move(numbers));
+  nb::capsule owner(own, [](void* p) noexcept { delete static_cast<std::vector<double>*>(p); });
+  return nb::cast(NumpyVector(own->data(), {own->size()}, owner));
+}
+
+// The numbers of a plain float64 array of one axis.
+inline const double* doubles(nb::handle object, std::size_t size) {
+  auto* array = reinterpret_cast<PyArrayObject*>(object.ptr());
+  if (!PyArray_Check(object.ptr()) || PyArray_TYPE(array) != NPY_DOUBLE ||
+      !PyArray_ISCARRAY_RO(array) || PyArray_SIZE(array) != npy_intp(size))
+    throw nb::value_error("expected a float64 array of the problem's size");
+  return static_cast<const double*>(PyArray_DATA(array));
+}
+
+// Releases the interpreter's lock, unless the problem is so small that the core is done before
+// another thread could take the lock; to hand it over and back costs a quarter of a small tick.
+class Release {
+ public:
+  explicit Release(const Layout& layout) {
+    if (layout.components() > kSmall) release_.emplace();
+  }
+
+ private:
+  static constexpr int kSmall = 32;
+  std::optional<nb::gil_scoped_release> release_;
+};
+
+}  // namespace graspforce

@@ -1,0 +1,74 @@
+// What a solve found, as Python gets it.
+#pragma once
+
+#include <algorithm>
+#include <memory>
+#include <optional>
+
+#include "graspforce/engine.hpp"
+#include "interpreter.hpp"
+
+namespace graspforce {
+
+// The numbers of one solve, copied out of the engine: forces, multipliers, certificate, and for a
+// tick a snapshot of its problem. One allocation.
+struct Outcome {
+  Result result;
+  std::size_t m, k, limits, packed;
+  std::unique_ptr<double[]> data;
+
+  Outcome(const Engine& engine, const Result& r, const double* snapshot, std::size_t size)
+      : result(r),
+        m(engine.layout().components()),
+        k(engine.layout().wrench_rows),
+        limits(r.status == Status::Infeasible ? engine.limits() : 0),
+        packed(size) {
+    const bool proof = limits > 0;
+    data.reset(new double[m + k + (proof ? k + limits : 0) + packed]);
+    double* next = data.get();
+    next = std::copy_n(engine.forces(), m, next);
+    next = std::copy_n(engine.multipliers(), k, next);
+    if (proof) {
+      next = std::copy_n(engine.certificate_y(), k, next);
+      next = std::copy_n(engine.certificate_z(), limits, next);
+    }
+    if (snapshot != nullptr) std::copy_n(snapshot, packed, next);
+  }
+
+  const double* c() const { return data.get(); }
+  const double* nu() const { return c() + m; }
+  const double* y() const { return nu() + k; }
+  const double* z() const { return y() + k; }
+  const double* snapshot() const { return nu() + k + (limits > 0 ? k + limits : 0); }
+};
+
+// Getter of one of an outcome's arrays, and of one that is there only with a certificate.
+inline auto field(const double* (Outcome::*data)() const, std::size_t Outcome::* size) {
+  return [data, size](nb::handle_t<Outcome> self) {
+    const Outcome& outcome = nb::cast<const Outcome&>(self);
+    return view(self, (outcome.*data)(), outcome.*size);
+  };
+}
+inline auto proof(const double* (Outcome::*data)() const, std::size_t Outcome::* size) {
+  return [data, size](nb::handle_t<Outcome> self) -> std::optional<NumpyVector> {
+    const Outcome& outcome = nb::cast<const Outcome&>(self);
+    if (outcome.limits == 0) return std::nullopt;
+    return view(self, (outcome.*data)(), outcome.*size);
+  };
+}
+
+// A graspforce.Solution of an outcome and its problem (or layout), without the call of its
+// __init__: that takes longer than a Newton step.
+inline nb::object make_solution(nb::handle solution, const nb::object& outcome,
+                                nb::handle problem) {
+  static PyObject* const outcome_name = PyUnicode_InternFromString("_outcome");
+  static PyObject* const problem_name = PyUnicode_InternFromString("_problem");
+  auto* type = reinterpret_cast<PyTypeObject*>(solution.ptr());
+  nb::object made = nb::steal(type->tp_alloc(type, 0));
+  if (!made.is_valid() || PyObject_GenericSetAttr(made.ptr(), outcome_name, outcome.ptr()) != 0 ||
+      PyObject_GenericSetAttr(made.ptr(), problem_name, problem.ptr()) != 0)
+    nb::raise_python_error();
+  return made;
+}
+
+}  // namespace graspforce

@@ -1,0 +1,73 @@
+// The native half of graspforce.solve.
+#pragma once
+
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+#include <memory>
+#include <tuple>
+#include <vector>
+
+#include "outcome.hpp"
+
+namespace graspforce {
+
+// The engines that a thread keeps for its cold solves, the last used first: set-up allocates.
+class KeptEngines {
+ public:
+  // `layout` is a graspforce.problem.Layout.
+  Engine& find(nb::handle layout) {
+    auto found = std::find_if(engines_.begin(), engines_.end(),
+                              [&](auto& engine) { return describes(layout, engine->layout()); });
+    if (found == engines_.end()) {
+      if (engines_.size() == kMost) engines_.pop_back();
+      const auto [wrench_rows, dims, joints, inequalities, ceilings, floors] =
+          nb::cast<std::tuple<int, std::vector<int>, int, int, bool, bool>>(layout);
+      engines_.push_back(std::make_unique<Engine>(
+          make_layout(wrench_rows, dims, joints, inequalities, ceilings, floors)));
+      found = engines_.end() - 1;
+    }
+    std::rotate(engines_.begin(), found, found + 1);
+    return *engines_.front();
+  }
+
+ private:
+  static constexpr std::size_t kMost = 16;
+
+  static bool describes(nb::handle tuple, const Layout& layout) {
+    const auto number = [](PyObject* items, int i) {
+      return PyLong_AsLong(PyTuple_GET_ITEM(items, i));
+    };
+    PyObject *items = tuple.ptr(), *dims = PyTuple_GET_ITEM(items, 1);
+    if (number(items, 0) != layout.wrench_rows || PyTuple_GET_SIZE(dims) != layout.contacts() ||
+        number(items, 2) != layout.joints || number(items, 3) != layout.inequalities ||
+        number(items, 4) != layout.ceilings || number(items, 5) != layout.floors)
+      return false;
+    for (int i = 0; i < layout.contacts(); ++i)
+      if (number(dims, i) != static_cast<int>(layout.models[i])) return false;
+    return true;
+  }
+
+  std::vector<std::unique_ptr<Engine>> engines_;
+};
+
+// Solves a graspforce.ForceProblem, given with its layout and its buffer, from nothing or from
+// `start` (None, or m float64 forces); `solution` is graspforce.Solution, what comes back one of
+// its objects.
+inline nb::object solve(nb::handle solution, nb::handle problem, nb::handle layout,
+                        nb::handle packed, nb::handle start, double tol, int max_steps,
+                        double budget_us) {
+  thread_local KeptEngines engines;
+  Engine& engine = engines.find(layout);
+  const double* numbers = doubles(packed, packed_size(engine.layout()));
+  const double* forces = start.is_none() ? nullptr : doubles(start, engine.layout().components());
+  Result result;
+  {
+    const Release release(engine.layout());
+    result = engine.solve(numbers, {tol, max_steps, budget_us}, forces);
+  }
+  return make_solution(solution, nb::cast(Outcome(engine, result, nullptr, 0)), problem);
+}
+
+}  // namespace graspforce
