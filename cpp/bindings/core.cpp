@@ -9,6 +9,7 @@ using namespace nb::literals;
 NB_MODULE(GRASPFORCE_MODULE, module) {
   if (PyArray_ImportNumPyAPI() < 0) nb::raise_python_error();
   using graspforce::field;
+  using graspforce::NumpyVector;
   using graspforce::Outcome;
   using graspforce::proof;
   using graspforce::Servo;
@@ -45,9 +46,13 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("nu", field(&Outcome::nu, &Outcome::k))
       .def_prop_ro("y", proof(&Outcome::y, &Outcome::k))
       .def_prop_ro("z", proof(&Outcome::z, &Outcome::limits))
-      .def_prop_ro("packed", field(&Outcome::snapshot, &Outcome::packed));
+      .def_prop_ro("packed", [](nb::handle_t<Outcome> self) -> std::optional<NumpyVector> {
+        const graspforce::Numbers& numbers = nb::cast<const Outcome&>(self).problem;
+        if (numbers == nullptr) return std::nullopt;
+        return graspforce::view(self, numbers->data(), numbers->size());
+      });
 
-  using Numbers = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
+  using Writable = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
   nb::class_<Servo>(module, "Servo", nb::type_slots(graspforce::servo_slots))
       .def(nb::init<int, std::vector<int>, int, int, bool, bool, graspforce::Vector, double, int,
                     double, std::vector<nb::object>, nb::object, nb::object, nb::object>(),
@@ -62,7 +67,7 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("numbers",
                    [](nb::handle_t<Servo> self) {
                      std::vector<double>& numbers = nb::cast<Servo&>(self).numbers();
-                     return Numbers(numbers.data(), {numbers.size()}, self);
+                     return Writable(numbers.data(), {numbers.size()}, self);
                    })
       .def_prop_ro("c",
                    [](nb::handle_t<Servo> self) {

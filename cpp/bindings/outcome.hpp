@@ -10,36 +10,38 @@
 
 namespace graspforce {
 
-// The numbers of one solve, copied out of the engine: forces, multipliers, certificate, and for a
-// tick a snapshot of its problem. One allocation.
+// A problem's numbers, which a Servo and the outcomes of its ticks share.
+using Numbers = std::shared_ptr<std::vector<double>>;
+
+// The numbers of one solve, copied out of the engine: forces, multipliers, certificate; and for a
+// tick those of its problem.
 struct Outcome {
   Result result;
-  std::size_t m, k, limits, packed;
+  std::size_t m, k, limits;
   std::unique_ptr<double[]> data;
+  Numbers problem;
 
-  Outcome(const Engine& engine, const Result& r, const double* snapshot, std::size_t size)
+  Outcome(const Engine& engine, const Result& r, Numbers numbers)
       : result(r),
         m(engine.layout().components()),
         k(engine.layout().wrench_rows),
         limits(r.status == Status::Infeasible ? engine.limits() : 0),
-        packed(size) {
+        problem(std::move(numbers)) {
     const bool proof = limits > 0;
-    data.reset(new double[m + k + (proof ? k + limits : 0) + packed]);
+    data.reset(new double[m + k + (proof ? k + limits : 0)]);
     double* next = data.get();
     next = std::copy_n(engine.forces(), m, next);
     next = std::copy_n(engine.multipliers(), k, next);
     if (proof) {
       next = std::copy_n(engine.certificate_y(), k, next);
-      next = std::copy_n(engine.certificate_z(), limits, next);
+      std::copy_n(engine.certificate_z(), limits, next);
     }
-    if (snapshot != nullptr) std::copy_n(snapshot, packed, next);
   }
 
   const double* c() const { return data.get(); }
   const double* nu() const { return c() + m; }
   const double* y() const { return nu() + k; }
   const double* z() const { return y() + k; }
-  const double* snapshot() const { return nu() + k + (limits > 0 ? k + limits : 0); }
 };
 
 // Getter of one of an outcome's arrays, and of one that is there only with a certificate.

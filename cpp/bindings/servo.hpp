@@ -47,8 +47,8 @@ class Servo {
         solution_(std::move(solution)),
         shape_(std::move(shape)),
         numbers_(packed.data(), packed.data() + packed.size()),
-        now_(numbers_),
-        next_(numbers_) {
+        now_(std::make_shared<std::vector<double>>(numbers_)),
+        next_(std::make_shared<std::vector<double>>(numbers_)) {
     const Layout& layout = engine_.layout();
     const int n = layout.contacts(), m = layout.components(), k = wrench_rows;
     auto place = [&](Field field, std::size_t offset, int rows, int columns) {
@@ -90,15 +90,15 @@ class Servo {
     compare();
     if (!plausible()) return nb::none();
     for (int field = 0; field < kAlpha; ++field)
-      if (given[field] != Py_None) slots_[field].copy(next_, numbers_);
+      if (given[field] != Py_None) slots_[field].copy(*next_, numbers_);
     return make_solution(solution_, nb::cast(outcome(solve())), shape_);
   }
 
   Outcome step_problem(Vector packed) {
     if (packed.size() != numbers_.size()) throw nb::value_error("packed: wrong size");
     const Turn turn(busy_);
-    std::copy_n(packed.data(), packed.size(), next_.begin());
-    numbers_ = next_;
+    numbers_.assign(packed.data(), packed.data() + packed.size());
+    collect();
     compare();
     return outcome(solve());
   }
@@ -116,7 +116,7 @@ class Servo {
 
   std::vector<double>& numbers() { return numbers_; }
   const Engine& engine() const { return engine_; }
-  nb::object packed() const { return own_array(now_); }
+  nb::object packed() const { return own_array(*now_); }
 
  private:
   struct Slot {
@@ -144,7 +144,11 @@ class Servo {
   };
 
   // Sets out from the numbers as they stand; false unless all of them are finite.
-  bool collect() { return copy_finite(numbers_.data(), next_.data(), numbers_.size()); }
+  bool collect() {
+    if (next_.use_count() > 1)  // somebody keeps the outcome of the tick before the last
+      next_ = std::make_shared<std::vector<double>>(numbers_.size());
+    return copy_finite(numbers_.data(), next_->data(), numbers_.size());
+  }
 
   static bool copy_finite(const double* from, double* to, std::size_t count) {
     // In whole numbers, which may be compared in any order: a chain of sums would be the slowest
@@ -168,7 +172,7 @@ class Servo {
     auto* array = reinterpret_cast<PyArrayObject*>(object);
     return PyArray_TYPE(array) == NPY_DOUBLE && PyArray_ISCARRAY_RO(array) &&
            matches(PyArray_NDIM(array), PyArray_DIMS(array), slot) &&
-           copy_finite(static_cast<const double*>(PyArray_DATA(array)), next_.data() + slot.offset,
+           copy_finite(static_cast<const double*>(PyArray_DATA(array)), next_->data() + slot.offset,
                        slot.size());
   }
 
@@ -178,7 +182,7 @@ class Servo {
   }
 
   bool differ(std::size_t begin, std::size_t end) const {
-    return std::memcmp(now_.data() + begin, next_.data() + begin, (end - begin) * sizeof(double));
+    return std::memcmp(now_->data() + begin, next_->data() + begin, (end - begin) * sizeof(double));
   }
 
   // Finds what differs from the last tick.
@@ -192,7 +196,7 @@ class Servo {
   bool plausible() const {
     if (!(changed_ & kChangedRest)) return true;
     const Layout& layout = engine_.layout();
-    const Problem p(at_, next_.data());
+    const Problem p(at_, next_->data());
     bool fine = *p.alpha > 0;
     for (int j = 0; j < layout.joints; ++j) fine &= p.tau_lo[j] < p.tau_hi[j];
     for (int i = 0; i < layout.contacts(); ++i) {
@@ -210,20 +214,18 @@ class Servo {
     now_.swap(next_);
     ticked_ = true;
     const Release release(engine_.layout());
-    return result_ = engine_.tick(now_.data(), settings_, changed_);
+    return result_ = engine_.tick(now_->data(), settings_, changed_);
   }
 
-  Outcome outcome(const Result& result) const {
-    return Outcome(engine_, result, now_.data(), now_.size());
-  }
+  Outcome outcome(const Result& result) const { return Outcome(engine_, result, now_); }
 
   Engine engine_;
   Offsets at_;
   Settings settings_;
   std::vector<nb::object> statuses_;
   nb::object refuse_, solution_, shape_;
-  std::vector<double> numbers_;     // as Python sees and writes them
-  std::vector<double> now_, next_;  // of the last tick, and of the one that is being made
+  std::vector<double> numbers_;  // as Python sees and writes them
+  Numbers now_, next_;           // of the last tick, and of the one that is being made
   std::array<Slot, kAlpha> slots_;
   unsigned changed_ = kChangedAll;
   Result result_;

@@ -67,7 +67,7 @@ inline nb::object solve(nb::handle solution, nb::handle problem, nb::handle layo
     const Release release(engine.layout());
     result = engine.solve(numbers, {tol, max_steps, budget_us}, forces);
   }
-  return make_solution(solution, nb::cast(Outcome(engine, result, nullptr, 0)), problem);
+  return make_solution(solution, nb::cast(Outcome(engine, result, nullptr)), problem);
 }
 
 }  // namespace graspforce
