@@ -4,7 +4,7 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: reproduce test lint bench clean
+.PHONY: reproduce test lint bench campaign clean
 
 reproduce: $(VENV)/figures.installed  ## Section IV of the paper into results/
 	$(VENV)/bin/graspforce reproduce --out results
@@ -23,6 +23,11 @@ lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order,
 
 bench: $(VENV)/test.installed  ## time this machine
 	$(VENV)/bin/python benchmarks/tick.py
+
+campaign: $(VENV)/test.installed  ## a million random grasps against another solver, some 30 minutes
+	$(VENV)/bin/python benchmarks/campaign.py --grasps 1000000
+	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-4
+	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-5
 
 # An editable install: Python changes need nothing, a change of the core builds it again. Each set
 # of extras contains those before it.

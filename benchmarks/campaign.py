@@ -1,0 +1,407 @@
+"""Random grasps by the million, each verdict judged by another solver and by NumPy.
+
+A *geometry* is a set of contacts, joints and limits with a wrench ``f0`` that it can hold and a
+direction ``f1``. The loads ``s`` for which ``f0 + s f1`` can be held form an interval, and Clarabel
+finds its ends to 1e-9. Each geometry is then asked for forces at loads on either side of an end, at
+a known margin, with random weights alpha and in random units of force. A verdict is
+
+- *decided* if it is SOLVED or INFEASIBLE (or WRENCH_UNREACHABLE where f is put outside W's range),
+- *wrong* if it is decided otherwise than the interval says, or if ``Solution.verify``, which
+  recomputes everything in NumPy, does not bear it out.
+
+``make campaign`` runs the long version; ``--replay 1234.5`` shows case 5 of geometry 1234.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import multiprocessing
+import sys
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import clarabel
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+from scipy import sparse
+
+import graspforce as gf
+from graspforce.report.machine import describe_machine
+
+CASES = 10  # of a geometry
+
+
+class Case(NamedTuple):
+    """One problem and what is known of it."""
+
+    name: str  # "geometry.case"
+    problem: gf.ForceProblem
+    expected: gf.Status
+    margin: float
+
+
+class Verdict(NamedTuple):
+    """What became of a case; small enough to come back from a worker process."""
+
+    name: str
+    kind: str  # which table row it counts for
+    expected: gf.Status
+    status: gf.Status
+    steps: int
+    confirmed: bool  # by Solution.verify
+
+    @property
+    def decided(self) -> bool:
+        """Whether there is a verdict at all."""
+        return self.status in (
+            gf.Status.SOLVED,
+            gf.Status.INFEASIBLE,
+            gf.Status.WRENCH_UNREACHABLE,
+        )
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the verdict is another than the truth, or not borne out."""
+        also = self.expected is gf.Status.WRENCH_UNREACHABLE and self.status is gf.Status.INFEASIBLE
+        return self.decided and not ((self.status is self.expected or also) and self.confirmed)
+
+
+# ---- random geometries -------------------------------------------------------------------------
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def random_models(rng: np.random.Generator, n: int, hard: bool) -> list[gf.contact.ContactModel]:
+    kinds = rng.choice(["mixed", "PCWF", "FPC", "SFC"], p=[0.45, 0.4, 0.05, 0.1])
+    names = rng.choice(["FPC", "PCWF", "SFC"], n) if kinds == "mixed" else [kinds] * n
+    low, high = (0.01, 5.0) if hard else (0.1, 1.5)
+    mus = np.exp(rng.uniform(np.log(low), np.log(high), n))
+    gammas = rng.uniform(0.001, 0.02, n)
+    return [
+        {"FPC": gf.FPC(), "PCWF": gf.PCWF(mu), "SFC": gf.SFC(mu, gamma)}[name]
+        for name, mu, gamma in zip(names, mus, gammas, strict=True)
+    ]
+
+
+def random_contacts(
+    rng: np.random.Generator, models: list[gf.contact.ContactModel], hard: bool
+) -> list[gf.Contact]:
+    """Contacts on a ball of 4 cm, sometimes in one plane, sometimes one beside another."""
+    n = len(models)
+    points = unit(rng.normal(size=(n, 3)))
+    flat = rng.random() < 0.1
+    tilt = rng.normal(0, 0.2, (n, 3))
+    if flat:
+        points[:, 2] = tilt[:, 2] = 0
+        points = unit(points)
+    normals = unit(tilt - points)
+    if hard and n > 1 and rng.random() < 0.2:
+        points[1] = points[0] + 10 ** rng.uniform(-9, -3) * rng.normal(size=3)
+        normals[1] = normals[0]
+    tangents = np.cross(normals, rng.normal(size=(n, 3)))
+    return [
+        gf.Contact(0.04 * p, v, model, tangent=t)
+        for p, v, model, t in zip(points, normals, models, tangents, strict=True)
+    ]
+
+
+def random_jacobian(rng: np.random.Generator, dims: np.ndarray) -> np.ndarray:
+    """Fingers of one to three contacts, of full row rank, now and then with a joint to spare."""
+    n, starts = len(dims), np.concatenate(([0], np.cumsum(dims)))
+    shared = rng.random() < 0.3
+    cuts = (
+        np.flatnonzero(np.append(rng.random(n - 1) < 0.5, True)) + 1 if shared else range(1, n + 1)
+    )
+    blocks, first = [], 0
+    for last in cuts:
+        if last - first > 3:
+            last = first + 3
+        rows = int(starts[last] - starts[first])
+        joints = rows + (rng.random() < 0.2)
+        Q, _ = np.linalg.qr(rng.normal(size=(joints, rows)))
+        block = (Q * 0.07 * np.exp(rng.uniform(-0.7, 0.7, rows))).T
+        for i in range(first, last):  # a torsion is a torque already
+            if dims[i] == 4:
+                block[starts[i] - starts[first] + 3] *= 15
+        blocks.append((int(starts[first]), block))
+        first = last
+    while first < n:
+        blocks.append((int(starts[first]), np.diag(np.full(dims[first], 0.07))))
+        first += 1
+    J = np.zeros((int(starts[-1]), sum(block.shape[1] for _, block in blocks)))
+    column = 0
+    for row, block in blocks:
+        J[row : row + block.shape[0], column : column + block.shape[1]] = block
+        column += block.shape[1]
+    return J
+
+
+def inside_cones(rng: np.random.Generator, models: list[gf.contact.ContactModel]) -> np.ndarray:
+    parts = []
+    for model in models:
+        normal = np.exp(rng.normal(1, 0.5))
+        parts.append([normal])
+        if not isinstance(model, gf.FPC):
+            most = np.array([model.mu, model.mu, getattr(model, "gamma", 0)])[: model.dim - 1]
+            share = rng.uniform(0, 0.9) * unit(rng.normal(size=model.dim - 1))
+            parts.append(normal * share * most)
+    return np.concatenate(parts)
+
+
+def random_geometry(rng: np.random.Generator, hard: bool) -> tuple[gf.ForceProblem, np.ndarray]:
+    """A problem that can be held at load 0, and the direction f1 of further loads."""
+    most = rng.choice([4, 8, 16, 64], p=[0.5, 0.35, 0.12, 0.03])
+    n = int(rng.integers(2, most + 1))
+    models = random_models(rng, n, hard)
+    contacts = random_contacts(rng, models, hard)
+    W = gf.grasp_map(contacts)
+    dims = np.array([model.dim for model in models])
+    starts = np.concatenate(([0], np.cumsum(dims)[:-1]))
+    m = int(dims.sum())
+    c0 = inside_cones(rng, models)
+    fields: dict[str, object] = {}
+    hand = rng.random() < 0.85
+    removed = np.zeros(n, bool)
+    if not hand or rng.random() < 0.4:
+        engagement = np.where(rng.random(n) < 0.8, 1.0, rng.uniform(0.05, 1, n))
+        if n > 3 and rng.random() < 0.3:
+            removed[rng.integers(n)] = True
+        if hard and rng.random() < 0.3:  # only just in the grasp
+            engagement[rng.integers(n)] = 10 ** rng.uniform(-5.9, -3)
+        engagement[removed] = 0
+        c0 = c0 * np.repeat(np.where(removed, 0, np.minimum(1, engagement)), dims)
+        room = np.exp(rng.uniform(0.1, 2, n))
+        fields["c_max"] = np.where(removed, 10, room * c0[starts] / np.maximum(engagement, 1e-9))
+        fields["engagement"] = engagement
+        if rng.random() < 0.3:
+            floor = rng.uniform(0, 0.9, n) * c0[starts] / np.maximum(engagement, 1e-9)
+            fields["c_min"] = np.where(removed, 0, floor)
+    loaded = rng.random() < 0.5  # whether anything is held at load 0
+    if hand:
+        J = random_jacobian(rng, dims)
+        tau0 = J.T @ c0
+        size = np.abs(tau0) + 0.1 * np.abs(tau0).max() + 0.02
+        up, down = (size * np.exp(rng.uniform(-2, 2, len(tau0))) for _ in range(2))
+        bias = rng.normal(size=len(tau0)) * size * (rng.random() < 0.3)
+        fields |= {"J": J, "tau_bias": bias}
+        if loaded:
+            fields |= {"tau_lo": tau0 - down + bias, "tau_hi": tau0 + up + bias}
+        else:
+            fields |= {"tau_lo": -size - down + bias, "tau_hi": size + up + bias}
+    if rng.random() < 0.2:
+        A = rng.normal(size=(2, m)) * (rng.random((2, m)) < 0.5)
+        fields |= {"A": A, "b": A @ c0 + np.exp(rng.uniform(-1, 2, 2))}
+    loaded = loaded or "c_min" in fields or "A" in fields
+    f0 = W @ c0 if loaded else np.zeros(6)
+    f1 = W @ (inside_cones(rng, models) * np.repeat(~removed, dims))
+    return gf.ForceProblem(W, f0, models, **fields), f1
+
+
+# ---- the truth ---------------------------------------------------------------------------------
+
+
+def load_interval(problem: gf.ForceProblem, f1: np.ndarray) -> tuple[float, float] | None:
+    """The loads s for which W c = f0 + s f1 can be held, by Clarabel; None where it is unsure."""
+    m = problem.m
+    dims = problem.layout.dims
+    out = np.repeat(~problem.active, dims)
+    rows, bounds = problem.linear_limits()
+    lifted, cones = [], []
+    for i, (start, model) in enumerate(zip(problem.starts[:-1], problem.models, strict=True)):
+        if not problem.active[i]:
+            continue
+        weights = [problem.mu[i], 1, 1, problem.mu[i] / problem.gamma[i]][: model.dim]
+        row = np.zeros((model.dim, m))
+        row[np.arange(model.dim), start + np.arange(model.dim)] = weights
+        lifted.append(-row)
+        cones.append(clarabel.SecondOrderConeT(model.dim))
+    still = np.eye(m)[out]
+    A = np.vstack((problem.W, still, rows, *lifted))
+    s_column = np.concatenate((-f1, np.zeros(len(A) - len(f1))))
+    A = sparse.csc_matrix(np.column_stack((A, s_column)))
+    b = np.concatenate(
+        (
+            problem.f,
+            np.zeros(len(still)),
+            bounds,
+            np.zeros(A.shape[0] - len(problem.f) - len(still) - len(bounds)),
+        )
+    )
+    kinds = [
+        clarabel.ZeroConeT(len(problem.f) + len(still)),
+        clarabel.NonnegativeConeT(len(bounds)),
+        *cones,
+    ]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
+    nothing = sparse.csc_matrix((m + 1, m + 1))
+    ends = []
+    for sign in (1.0, -1.0):
+        q = np.zeros(m + 1)
+        q[-1] = sign
+        answer = clarabel.DefaultSolver(nothing, q, A, b, kinds, settings).solve()
+        if answer.status != clarabel.SolverStatus.Solved:
+            return None
+        ends.append(answer.x[-1])
+    return ends[0], ends[1]
+
+
+def cases(seed: int, index: int, margin: float | None, hard: bool) -> Iterator[Case | None]:
+    """The cases of one geometry; None for each whose truth is not known well enough."""
+    rng = np.random.default_rng([seed, index])
+    geometry, f1 = random_geometry(rng, hard)
+    _, sizes, right = np.linalg.svd(geometry.W.T)
+    beyond = right[(sizes > 1e-9 * sizes[0]).sum() :]  # directions of f that no force makes
+    # Whether a direction this faint counts among those that W reaches is a matter of opinion.
+    clear = not ((sizes > 1e-13 * sizes[0]) & (sizes < 1e-6 * sizes[0])).any()
+    ends = load_interval(geometry, f1) if clear else None
+    for k in range(CASES):
+        scale = 10 ** rng.uniform(-6, 3) if hard else 10 ** rng.uniform(-1, 1)
+        alpha = 10 ** (rng.uniform(-4, 6) if hard else rng.uniform(-2, 3))
+        far = margin if margin is not None else 10 ** rng.uniform(-3, 0)
+        side, feasible = rng.integers(2), rng.random() < 0.7
+        if ends is None:
+            yield None
+            continue
+        end, other = ends[side], ends[1 - side]
+        # A margin counts in the wrench as a whole; in the interval where that ends at no wrench.
+        whole, width = max(abs(end), np.abs(geometry.f).max() / np.abs(f1).max()), ends[1] - ends[0]
+        step = far * (whole if whole > 1e-3 * width else width)
+        outward = 1 if side else -1
+        s = end - outward * step if feasible else end + outward * step
+        if feasible and outward * (s - other) < step:  # the interval is shorter than that
+            yield None
+            continue
+        f, expected = geometry.f + s * f1, gf.Status.SOLVED if feasible else gf.Status.INFEASIBLE
+        if len(beyond) and rng.random() < 0.2:
+            f = f + far * max(np.abs(f).max(), 1e-3) * unit(rng.normal(size=len(beyond)) @ beyond)
+            expected = gf.Status.WRENCH_UNREACHABLE
+        problem = geometry.replace(
+            f=scale * f,
+            alpha=alpha,
+            **{
+                name: scale * getattr(geometry, name)
+                for name in ("tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "b")
+                if getattr(geometry, name).size
+            },
+        )
+        yield Case(f"{index}.{k}", problem, expected, far)
+
+
+# ---- the run -----------------------------------------------------------------------------------
+
+
+def judge(case: Case) -> Verdict:
+    solution = gf.solve(case.problem)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        confirmed = solution.verify().ok
+    kinds = {type(model).__name__ for model in case.problem.models}
+    kind = f"{'mixed' if len(kinds) > 1 else kinds.pop()}"
+    return Verdict(
+        case.name, kind, case.expected, solution.status, solution.newton_steps, confirmed
+    )
+
+
+def judge_geometry(task: tuple[int, int, float | None, bool]) -> list[Verdict | None]:
+    return [case and judge(case) for case in cases(*task)]
+
+
+def run(
+    seed: int, grasps: int, margin: float | None = None, hard: bool = False, jobs: int = 1
+) -> tuple[list[Verdict], int]:
+    """Judge that many grasps; returns the verdicts and how many cases were left out."""
+    tasks = ((seed, index, margin, hard) for index in range(-(-grasps // CASES)))
+    verdicts: list[Verdict] = []
+    left_out = 0
+    with Progress(console=Console(stderr=True)) as progress, multiprocessing.Pool(jobs) as pool:
+        bar = progress.add_task("grasps", total=grasps)
+        for geometry in pool.imap_unordered(judge_geometry, tasks, chunksize=8):
+            known = [verdict for verdict in geometry if verdict is not None]
+            left_out += len(geometry) - len(known)
+            verdicts += known
+            progress.advance(bar, len(geometry))
+    return verdicts, left_out
+
+
+def table(verdicts: list[Verdict], left_out: int, title: str) -> Table:
+    result = Table(title=f"{title}; {left_out} left out, their truth not being sure")
+    for heading in ("grasps", "", "decided", "wrong", "steps p50", "p99", "most"):
+        result.add_column(heading, justify="left" if heading == "grasps" else "right")
+
+    def row(name: str, part: list[Verdict]) -> None:
+        if not part:
+            return
+        decided = sum(verdict.decided for verdict in part)
+        steps = np.percentile([verdict.steps for verdict in part], [50, 99, 100])
+        result.add_row(
+            name,
+            f"{len(part):,}",
+            f"{100 * decided / len(part):.4f} %",
+            str(sum(verdict.wrong for verdict in part)),
+            *(f"{step:.0f}" for step in steps),
+        )
+
+    for status in (gf.Status.SOLVED, gf.Status.INFEASIBLE, gf.Status.WRENCH_UNREACHABLE):
+        row(status.name.lower(), [v for v in verdicts if v.expected is status])
+    result.add_section()
+    for kind in sorted({verdict.kind for verdict in verdicts}):
+        row(f"{kind} contacts", [v for v in verdicts if v.kind == kind])
+    result.add_section()
+    row("all", verdicts)
+    return result
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--grasps", type=int, default=10_000)
+    parser.add_argument("--margin", type=float, help="exactly this; else from 1e-3 to 1, at random")
+    parser.add_argument("--hard", action="store_true", help="alpha 1e-4…1e6, frictions .01…5, …")
+    parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
+    parser.add_argument("--replay", metavar="GEOMETRY.CASE", help="solve one case and show it")
+    parser.add_argument("--save", type=Path, help="append the table to this file")
+    options = parser.parse_args()
+    if options.replay is not None:
+        index, k = map(int, options.replay.split("."))
+        case = list(cases(options.seed, index, options.margin, options.hard))[k]
+        if case is None:
+            print("the truth of this case is not known well enough")
+            return 1
+        solution = gf.solve(case.problem)
+        print(case.problem, case.expected.name, solution, solution.message, solution.verify())
+        return 0
+    verdicts, left_out = run(
+        options.seed, options.grasps, options.margin, options.hard, options.jobs
+    )
+    margin = "1e-3…1" if options.margin is None else f"{options.margin:g}"
+    ends = "hard ends" if options.hard else "alpha 1e-2…1e3"
+    title = f"seed {options.seed}, {ends}, margin {margin}"
+    for console in (Console(), options.save and Console(file=options.save.open("a"), width=110)):
+        if console:
+            console.print(table(verdicts, left_out, title))
+            for verdict in verdicts:
+                if verdict.wrong or not verdict.decided:
+                    console.print(
+                        f"{verdict.name}: {verdict.status.name}, expected {verdict.expected.name},"
+                        f" {'confirmed' if verdict.confirmed else 'not confirmed'}"
+                    )
+            machine = describe_machine()
+            console.print(
+                f"{machine['cpu']}, {machine['cores']} cores, Python {machine['python']}, "
+                f"{datetime.date.today()}"
+            )
+    return int(any(verdict.wrong for verdict in verdicts))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
