@@ -1,0 +1,19 @@
+"""The other methods of the paper's Sections I and IV-B.3, each on the same ForceProblem.
+
+One file a method, each with ``solve(problem, …) -> Solution``: the same statuses, residuals and
+margins as :func:`graspforce.solve`. ``newton_steps`` counts the iterations of the method, and
+``nu`` belongs to its own objective. A method whose optimum lies on the boundary (a linear
+objective without barrier, say) returns forces with margins of zero to its precision, for which
+``Solution.verify()`` says so.
+"""
+
+from __future__ import annotations
+
+METHODS: dict[str, str] = {
+    "compact_dual": "graspforce.baselines.compact_dual",
+    "dikin": "graspforce.baselines.dikin",
+    "gradient_flow": "graspforce.baselines.gradient_flow",
+    "neural_network": "graspforce.baselines.neural_network",
+    "sdp": "graspforce.baselines.sdp",
+}
+"""The module of every method, by its name."""

@@ -1,0 +1,231 @@
+"""Friction cones and limits as one block-diagonal linear matrix inequality P(x) ≻ 0.
+
+Buss, Hashimoto and Moore [4] saw that a contact force is inside its friction cone exactly where
+a symmetric matrix that is linear in it is positive definite. With s = mu n and the tangential
+force t (the torsion of a soft finger measured in units of gamma/mu)::
+
+    FPC: P = [n]      PCWF: P = ⎡s    t_x⎤      SFC: P = ⎡s        t_x⎤
+                                ⎢  s  t_y⎥               ⎢  s      t_y⎥
+                                ⎣t_x t_y s⎦              ⎢    s    t_o⎥
+                                                         ⎣t_x t_y t_o s⎦
+
+with det P = s^(d−1)·(s² − ‖t‖²) for d tangential components. Every linear limit, the joint torques
+first of all, is a block of one entry, its slack b − a·c (Han, Trinkle and Li [12]).
+
+The barrier of these methods is −ln det P. Its Hessian is the metric ⟨X, Y⟩ = tr(P⁻¹X P⁻¹Y) in
+which Dikin's ellipsoid {‖X‖ < 1} around P stays inside the cone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._arrays import Array
+from graspforce.baselines._active import Active
+from graspforce.contact import SFC, ContactModel
+from graspforce.reference import R_mu
+
+
+def friction_matrices(model: ContactModel) -> Array:
+    """Return the matrices M of P = Σ_k M_k c_k, shape (dim, dim, dim): M[k] belongs to c_k."""
+    d = model.dim
+    M = np.zeros((d, d, d))
+    M[0] = np.sqrt(-R_mu(model)[0, 0]) * np.eye(d)
+    for k in range(1, d):
+        M[k, k - 1, d - 1] = M[k, d - 1, k - 1] = 1.0
+    if isinstance(model, SFC):
+        M[3] *= model.mu / model.gamma
+    return M
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """The g blocks of one size p of P(x) = F0 + Σ_j x_j F_j.
+
+    Attributes:
+        members: which contacts, or which rows of the limits, shape (g,).
+        F0: shape (g, p, p).
+        F: shape (q, g, p, p).
+    """
+
+    members: NDArray[np.int64]
+    F0: Array
+    F: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Lmi:
+    """P(x) ≻ 0, its blocks gathered by size.
+
+    Attributes:
+        blocks: the friction matrices of 1, 3 and 4 rows as far as there are any, and last the
+            linear limits, as blocks of one row.
+    """
+
+    blocks: tuple[Blocks, ...]
+
+    @classmethod
+    def of(cls, view: Active) -> Lmi:
+        """Return the cones and limits with x = c, shape (m,)."""
+        m = len(view.W.T)
+        parts: list[Blocks] = []
+        dims = np.array([model.dim for model in view.models])
+        for size in sorted(set(dims.tolist())):
+            members = np.flatnonzero(dims == size)
+            F = np.zeros((m, len(members), size, size))
+            for place, i in enumerate(members):
+                start = view.starts[i]
+                F[start : start + size, place] = friction_matrices(view.models[i])
+            parts.append(Blocks(members, np.zeros(F.shape[1:]), F))
+        rows = np.arange(len(view.b))
+        parts.append(Blocks(rows, view.b[:, None, None], -view.A.T[:, :, None, None]))
+        return cls(tuple(parts))
+
+    @property
+    def rows(self) -> int:
+        """The number of rows of P."""
+        return sum(part.F0.shape[0] * part.F0.shape[1] for part in self.blocks)
+
+    def substitute(self, x0: Array, B: Array) -> Lmi:
+        """Return the inequality in y where x = x0 + B y."""
+        return Lmi(
+            tuple(
+                Blocks(
+                    part.members,
+                    part.F0 + np.tensordot(x0, part.F, 1),
+                    np.tensordot(B.T, part.F, 1),
+                )
+                for part in self.blocks
+            )
+        )
+
+    def widen(self, of_contacts: Array, of_limits: Array) -> Lmi:
+        """Return the inequality in (x, sigma): each block moved by sigma times its unit.
+
+        Args:
+            of_contacts: the units of the contacts' blocks, shape (n,).
+            of_limits: the units of the limits, shape (v,).
+        """
+        units = [of_contacts[part.members] for part in self.blocks[:-1]] + [of_limits]
+        parts: list[Blocks] = []
+        for part, unit in zip(self.blocks, units, strict=True):
+            shift = unit[:, None, None] * np.eye(part.F0.shape[-1])
+            parts.append(Blocks(part.members, part.F0, np.concatenate((part.F, shift[None]))))
+        return Lmi(tuple(parts))
+
+    def at(self, x: Array) -> Point:
+        """Return P at x, decomposed."""
+        return Point(self, x)
+
+    def gram(self) -> Array:
+        """Return tr(F_i F_j), shape (q, q): the metric of plain matrix entries."""
+        total = np.zeros((len(self.blocks[0].F),) * 2)
+        for part in self.blocks:
+            total += np.einsum("iabc,jabc->ij", part.F, part.F)
+        return total
+
+
+class Point:
+    """P(x) at one x by its eigenvalues, and what the barrier −ln det P is there."""
+
+    __slots__ = ("_inverse", "_values", "_vectors", "lmi", "x")
+
+    def __init__(self, lmi: Lmi, x: Array) -> None:
+        self.lmi, self.x = lmi, x
+        pairs = [np.linalg.eigh(part.F0 + np.tensordot(x, part.F, 1)) for part in lmi.blocks]
+        self._values = [pair.eigenvalues for pair in pairs]
+        self._vectors = [pair.eigenvectors for pair in pairs]
+        self._inverse = [
+            (V / e[:, None, :]) @ V.swapaxes(1, 2)
+            for e, V in zip(self._values, self._vectors, strict=True)
+        ]
+
+    @property
+    def inside(self) -> bool:
+        """Whether P is positive definite."""
+        return all(bool((values > 0).all()) for values in self._values)
+
+    @property
+    def barrier(self) -> float:
+        """−ln det P."""
+        return -sum(float(np.log(values).sum()) for values in self._values)
+
+    @property
+    def gradient(self) -> Array:
+        """Of the barrier in x: −tr(P⁻¹ F_j), shape (q,)."""
+        total = np.zeros(len(self.x))
+        for inverse, part in zip(self._inverse, self.lmi.blocks, strict=True):
+            total -= np.einsum("abc,jacb->j", inverse, part.F)
+        return total
+
+    @property
+    def metric(self) -> Array:
+        """The barrier's Hessian tr(P⁻¹F_i P⁻¹F_j), shape (q, q)."""
+        total = np.zeros((len(self.x), len(self.x)))
+        for inverse, part in zip(self._inverse, self.lmi.blocks, strict=True):
+            scaled = inverse @ part.F
+            total += np.einsum("iabc,jacb->ij", scaled, scaled)
+        return total
+
+    def spectrum(self, d: Array) -> Array:
+        """Return the eigenvalues of P^(−1/2) D P^(−1/2) with D = Σ_j d_j F_j.
+
+        P(x + t d) has the determinant det P(x) · Π (1 + t·eigenvalue).
+        """
+        values: list[Array] = []
+        for e, V, part in zip(self._values, self._vectors, self.lmi.blocks, strict=True):
+            root = V / np.sqrt(e)[:, None, :]
+            values.append(
+                np.linalg.eigvalsh(root.swapaxes(1, 2) @ np.tensordot(d, part.F, 1) @ root).ravel()
+            )
+        return np.concatenate(values)
+
+    def multipliers(self, d: Array) -> list[Array]:
+        """Return Z = P⁻¹ − P⁻¹ D P⁻¹ of each part of the blocks, shapes (g, p, p).
+
+        Where d is the Newton step of w·x − ln det P, tr(Z F_j) = w_j to rounding; and Z ≻ 0
+        where ‖d‖ < 1 in the metric. So Z is dual feasible: the germ of a proof.
+        """
+        return [
+            inverse - inverse @ np.tensordot(d, part.F, 1) @ inverse
+            for inverse, part in zip(self._inverse, self.lmi.blocks, strict=True)
+        ]
+
+
+def dikin_direction(point: Point, gradient: Array) -> Array:
+    """Return the steepest descent in the metric of Dikin's ellipsoid, −metric⁻¹ gradient."""
+    metric = point.metric
+    scale = 1 / np.sqrt(np.diag(metric))
+    scaled = metric * scale[:, None] * scale
+    return -scale * np.linalg.solve(scaled, scale * gradient)
+
+
+def line_search(spectrum: Array, slope: float, weight: float) -> float:
+    """Return the exact minimiser t > 0 of slope·t − weight·Σ ln(1 + t·spectrum).
+
+    The function is convex with a pole where P turns singular, so its derivative has one root
+    before it: Newton steps, and bisection where one leaves the bracket.
+
+    Args:
+        spectrum: of :meth:`Point.spectrum` for the direction.
+        slope: of the linear objective along the direction.
+        weight: of the barrier.
+    """
+    steepest = -float(spectrum.min())
+    high = 1 / steepest if steepest > 0 else 1e12
+    low, t = 0.0, min(1.0, high / 2)
+    for _ in range(60):
+        share = spectrum / (1 + t * spectrum)
+        derivative = slope - weight * float(share.sum())
+        if derivative < 0:
+            low = t
+        else:
+            high = t
+        step = derivative / (weight * float(share @ share))
+        if abs(step) <= 1e-12 * t:
+            break
+        t = t - step if low < t - step < high else (low + high) / 2
+    return t

@@ -1,0 +1,243 @@
+"""Compact-dual linear program: Cheng and Orin [3].
+
+    minimise  Σ normal forces   with W c = f, A c ≤ b and linearised friction cones
+
+The equations leave first: Gauss–Jordan elimination turns W c = f into a reduced echelon form, in
+which the basic components of c follow from the others, x ∈ R^p with p = m − rank W (6 for the
+paper's four fingers). What remains is min g·x with G x ≤ h, far more rows than unknowns, and its
+dual, min h·y with G.T y = −g and y ≥ 0, has only p equations: a simplex step on it factorises one
+p×p matrix, however many facets and limits there are. The simplex multipliers are x.
+
+The WBF paper says of [3] only that it solves the LP of [2] by a compact dual method; the elimination
+and the dual are in the abstract of [3]. Chosen here: the sum of normal forces as the objective, the
+linear part of the SDP methods and of the SOCP; cones with ``facets`` facets inside the true
+cone, so that every answer holds on it, or around it; two phases, in which the most negative
+reduced cost enters and the lexicographic rule decides which variable leaves, because most of the
+dual's vertices are degenerate.
+
+A linear program sits on a vertex: some margins are zero to rounding, and the forces jump when
+the vertex changes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from numbers import Integral
+from typing import Literal
+
+import numpy as np
+
+from graspforce._arrays import Array
+from graspforce.baselines._active import Active, answer, run
+from graspforce.baselines._start import feasible_start
+from graspforce.contact import FPC, SFC, ContactModel
+from graspforce.errors import InvalidInputError
+from graspforce.outcome import Status
+from graspforce.problem import ForceProblem
+from graspforce.solution import Solution
+
+# A reduced cost, a pivot or an infeasibility below this is zero; rows have length 1.
+ZERO = 1e-10
+
+
+def solve(
+    problem: ForceProblem,
+    *,
+    facets: int = 8,
+    cones: Literal["inner", "outer"] = "inner",
+    max_steps: int = 1000,
+) -> Solution:
+    """Minimise Σ normal forces with W c = f, A c ≤ b and facetted cones by the compact dual.
+
+    Args:
+        problem: what to solve; its alpha has no part in this objective.
+        facets: of a cone with two tangents, even, 4 or more; a soft finger's has as many around
+            and half of them more from pole to pole.
+        cones: "inner" for pyramids inscribed in the true cones, "outer" for circumscribed ones,
+            whose answers leave the true cones.
+        max_steps: the most pivots.
+
+    Returns:
+        The forces; ``newton_steps`` counts the pivots. Where the linear program has no solution
+        the status is INFEASIBLE if the true cones have none either, with its proof, else STALLED:
+        the facets are too few.
+
+    Raises:
+        InvalidInputError: an option out of range.
+    """
+    if not isinstance(facets, Integral) or facets < 4 or facets % 2:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InvalidInputError(f"facets: got {facets!r}, expected an even number of at least 4")
+    if cones not in ("inner", "outer"):
+        raise InvalidInputError(f"cones: got {cones!r}, expected 'inner' or 'outer'")
+    return run(problem, lambda view: _solve(view, facets, cones == "inner", max_steps))
+
+
+def _solve(view: Active, facets: int, inner: bool, max_steps: int) -> Solution:
+    rows = np.vstack((view.A, cone_rows(view, facets, inner)))
+    bounds = np.concatenate((view.b, np.zeros(len(rows) - len(view.b))))
+    c_p, N = eliminate(view.W, view.problem.f)
+    G, h, g = rows @ N, bounds - rows @ c_p, N.T @ view.normals
+    # Rows that the wrench alone decides have nothing for a basis; the others get length 1.
+    length = np.linalg.norm(G, axis=1)
+    fixed = length <= ZERO * np.linalg.norm(rows, axis=1)
+    open_rows = np.flatnonzero(~fixed)
+    dual = simplex(
+        G[open_rows].T / length[open_rows], h[open_rows] / length[open_rows], -g, max_steps
+    )
+    c = c_p + N @ dual.multipliers
+    y = np.zeros(len(rows))
+    y[open_rows[dual.basis]] = dual.values / length[open_rows[dual.basis]]
+    slack = 1e-9 * (np.abs(bounds) + np.abs(rows) @ np.abs(c_p))
+    unsettled = dual.status not in (Status.SOLVED, Status.MAX_STEPS)
+    if unsettled or (h[fixed] < -slack[fixed]).any():
+        found = feasible_start(view)
+        if isinstance(found, Solution):
+            return found
+        return answer(view, Status.STALLED, dual.pivots, c, np.zeros(len(c)))
+    return answer(view, dual.status, dual.pivots, c, view.normals + rows.T @ y)
+
+
+def cone_rows(view: Active, facets: int, inner: bool) -> Array:
+    """Return the rows F of the facetted cones F c ≤ 0, inside the true cones or around them."""
+    parts: list[Array] = []
+    for model, (start, end) in zip(view.models, pairwise(view.starts), strict=True):
+        own = facet_rows(model, facets, inner)
+        part = np.zeros((len(own), len(view.W.T)))
+        part[:, start:end] = own
+        parts.append(part)
+    return np.vstack(parts)
+
+
+def facet_rows(model: ContactModel, facets: int, inner: bool) -> Array:
+    """Return one contact's rows: u·t ≤ mu n for directions u all around, shape (·, dim).
+
+    The regular polygon around a circle has its corners at 1/cos(pi/facets) radii, so that the
+    one with cos(pi/facets)·mu is inside. A soft finger's ball takes such polygons of longitudes and of
+    latitudes, and the cosine twice.
+    """
+    if isinstance(model, FPC):
+        return np.array([[-1.0]])
+    around = 2 * math.pi * np.arange(facets) / facets
+    u = np.column_stack((np.cos(around), np.sin(around)))
+    inside = math.cos(math.pi / facets) if inner else 1.0
+    if isinstance(model, SFC):
+        latitude = math.pi * (2 * np.arange(facets // 2 + 1) / facets - 0.5)
+        cos, sin = np.cos(latitude), np.sin(latitude) * model.mu / model.gamma
+        u = np.vstack([np.column_stack((a * u, np.full(facets, b))) for a, b in zip(cos, sin)])
+        u, inside = np.unique(np.round(u, 15), axis=0), inside**2 if inner else 1.0
+    return np.column_stack((np.full(len(u), -inside * model.mu), u))
+
+
+def eliminate(W: Array, f: Array) -> tuple[Array, Array]:
+    """Solve W c = f by Gauss–Jordan elimination with full pivoting.
+
+    Args:
+        W: any rank, shape (k, m).
+        f: in its range, shape (k,).
+
+    Returns:
+        c_p, shape (m,), and N, shape (m, p), so that c_p + N x is every solution; x are the
+        components of c that no pivot fell on.
+    """
+    length = np.linalg.norm(W, axis=1)
+    length[length == 0] = 1.0
+    T = np.column_stack((W, f)) / length[:, None]
+    m = len(W.T)
+    basic: list[int] = []
+    for row in range(min(W.shape)):
+        size = np.abs(T[row:, :m])
+        pivot_row, column = divmod(int(size.argmax()), m)
+        if size[pivot_row, column] <= ZERO:
+            break
+        T[[row, row + pivot_row]] = T[[row + pivot_row, row]]
+        T[row] /= T[row, column]
+        others = np.arange(len(T)) != row
+        T[others] -= np.outer(T[others, column], T[row])
+        basic.append(column)
+    free = np.setdiff1d(np.arange(m), basic)
+    c_p, N = np.zeros(m), np.zeros((m, len(free)))
+    c_p[basic] = T[: len(basic), m]
+    N[basic] = -T[: len(basic)][:, free]
+    N[free, np.arange(len(free))] = 1.0
+    return c_p, N
+
+
+@dataclass(frozen=True, slots=True)
+class Vertex:
+    """Where the simplex method ended.
+
+    Attributes:
+        status: SOLVED, UNBOUNDED, INFEASIBLE or MAX_STEPS.
+        basis: columns of A in the basis.
+        values: of the variables in the basis.
+        multipliers: pi with pi·A_j = h_j for the columns in the basis, shape (p,).
+        pivots: taken in both phases.
+    """
+
+    status: Status
+    basis: Array
+    values: Array
+    multipliers: Array
+    pivots: int
+
+
+def simplex(A: Array, h: Array, target: Array, max_steps: int) -> Vertex:
+    """Minimise h·y with A y = target and y ≥ 0 by the revised simplex method, two phases.
+
+    Args:
+        A: shape (p, v), of full row rank, its columns of length 1.
+        h: shape (v,).
+        target: shape (p,).
+        max_steps: the most pivots.
+    """
+    p, v = A.shape
+    signs = np.where(target < 0, -1.0, 1.0)
+    columns = np.hstack((A, np.diag(signs)))  # an artificial variable a row
+    basis = np.arange(v, v + p)
+    pivots = 0
+    for phase in (1, 2):
+        costs = np.concatenate((np.zeros(v), np.ones(p)) if phase == 1 else (h, np.zeros(p)))
+        while True:
+            B = columns[:, basis]
+            values = np.linalg.solve(B, target)
+            multipliers = np.linalg.solve(B.T, costs[basis])
+            reduced = costs[:v] - multipliers @ A
+            entering = np.flatnonzero(reduced < -ZERO * (1 + np.abs(multipliers).max(initial=0.0)))
+            if not len(entering):
+                status = Status.SOLVED
+                break
+            if pivots == max_steps:
+                status = Status.MAX_STEPS
+                break
+            j = int(entering[np.argmin(reduced[entering])])
+            step = np.linalg.solve(B, columns[:, j])
+            # In phase 2 an artificial variable, zero by then, may not grow either.
+            blocking = np.flatnonzero(
+                (step > ZERO) | ((basis >= v) & (np.abs(step) > ZERO) & (phase == 2))
+            )
+            if not len(blocking):
+                status = Status.UNBOUNDED
+                break
+            order = np.column_stack((values, np.linalg.solve(B, columns[:, v:])))
+            ratios = order[blocking] / np.abs(step[blocking])[:, None]
+            basis[blocking[lexicographic_least(ratios)]] = j
+            pivots += 1
+        if status is not Status.SOLVED:
+            break
+        if phase == 1 and costs[basis] @ values > 1e-9 * (1 + np.abs(target).sum()):
+            status = Status.INFEASIBLE
+            break
+    inside = basis < v
+    return Vertex(status, basis[inside], values[inside], multipliers, pivots)
+
+
+def lexicographic_least(rows: Array) -> int:
+    """Return the index of the row that is least in its first entry; ties go to the next one."""
+    left = np.arange(len(rows))
+    for column in rows.T:
+        if len(left) == 1:
+            break
+        left = left[column[left] <= column[left].min() + ZERO]
+    return int(left[0])

@@ -1,0 +1,223 @@
+"""Semidefinite program with the friction-cone matrix P: Buss, Hashimoto and Moore [4], [12].
+
+    minimise  Σ normal forces − barrier · ln det P(c)   with W c = f, P(c) ⪰ 0
+
+The WBF paper says of [4] that its objective is a linear sum of the contact wrenches plus a
+barrier that grows without bound as P turns singular, and that the weight between them trades
+effort against slip; Han, Trinkle and Li [12] cast it as linear matrix inequalities. Left open, and
+chosen here: the linear sum is that of the normal forces, in newtons; the barrier is −ln det, that
+of the "maxdet" form of [12], which gradient flow and Dikin recursion share; P holds the torque limits
+and every other linear limit beside the friction cones (``_lmi``). Without barrier this is the SDP
+form of a second-order cone program, and its optimum lies on the boundary.
+
+Clarabel solves it with semidefinite cones: P(c) ⪰ 0 itself without barrier. With barrier, for each
+block, a lower triangular L with ⎡P, L; L.T, diag L⎤ ⪰ 0, which makes Σ ln L_ii at most ln det P and
+equal to it at the best L; the logarithms are exponential cones.
+
+Schlegl et al. [11] let fingers go and grip again by this SDP: engagement and c_max of the problem are
+ceilings in P, and a removed contact has left it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from graspforce import reference
+from graspforce._arrays import Array, as_array
+from graspforce.baselines._active import Active, answer, run
+from graspforce.baselines._lmi import Lmi
+from graspforce.baselines._start import feasible_start
+from graspforce.errors import InvalidInputError, MissingExtraError
+from graspforce.outcome import Status
+from graspforce.problem import ForceProblem
+from graspforce.solution import Solution
+
+PRECISION = 1e-10
+
+
+def solve(
+    problem: ForceProblem,
+    *,
+    barrier: float = 0.1,
+    objective: Literal["normals", "norm"] = "normals",
+    max_steps: int = 200,
+) -> Solution:
+    """Minimise effort − barrier·ln det P(c) with W c = f and P(c) ⪰ 0 by Clarabel.
+
+    Args:
+        problem: what to solve; its alpha has no part in this objective.
+        barrier: weight of −ln det P, 0 or more [N, or N² with "norm"]: the more, the firmer.
+        objective: the effort, "normals" for Σ normal forces or "norm" for ‖c‖²/2.
+        max_steps: the most iterations of Clarabel.
+
+    Returns:
+        The forces; ``newton_steps`` counts Clarabel's iterations. INFEASIBLE comes with a
+        certificate that the phase of ``_start`` found, to the last digit of what NumPy can check.
+
+    Raises:
+        InvalidInputError: an option out of range.
+        MissingExtraError: Clarabel or SciPy is not installed.
+    """
+    weight = float(as_array(barrier, "barrier", ()))
+    if weight < 0:
+        raise InvalidInputError(f"barrier: got {weight:g}, expected 0 or more")
+    if objective not in ("normals", "norm"):
+        raise InvalidInputError(f"objective: got {objective!r}, expected 'normals' or 'norm'")
+    clarabel, sparse = _libraries()
+
+    def method(view: Active) -> Solution:
+        return _solve(view, weight, objective, max_steps, clarabel, sparse)
+
+    return run(problem, method)
+
+
+def _libraries() -> tuple[Any, Any]:
+    """Import Clarabel and SciPy's sparse matrices, both of which come without types."""
+    try:
+        import clarabel  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
+    except ImportError:
+        raise MissingExtraError("the semidefinite program", "clarabel", "baselines") from None
+    try:
+        from scipy import sparse  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
+    except ImportError:
+        raise MissingExtraError("the semidefinite program", "scipy", "baselines") from None
+    return clarabel, sparse
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """One block of P in Clarabel's terms: s = constant + of_x x + of_own own lies in its cones.
+
+    Attributes:
+        of_x: shape (rows, q).
+        of_own: the columns of the variables that only this block has, shape (rows, own).
+        constant: shape (rows,).
+        cones: Clarabel's, in the order of the rows.
+        profit: of the own variables: what sums up to ln det of the block, shape (own,).
+    """
+
+    of_x: Array
+    of_own: Array
+    constant: Array
+    cones: list[Any]
+    profit: Array
+
+
+def _positive(F0: Array, F: Array, clarabel: Any) -> _Part:
+    """F0 + Σ_j x_j F_j ⪰ 0, shapes (p, p) and (q, p, p)."""
+    constant = _entries(F0)
+    cones = [clarabel.PSDTriangleConeT(len(F0))]
+    return _Part(_entries(F).T, np.zeros((len(constant), 0)), constant, cones, np.zeros(0))
+
+
+def _log_det(F0: Array, F: Array, clarabel: Any) -> _Part:
+    """As :func:`_positive`, with further variables whose last p sum up to ln det."""
+    p = len(F0)
+    if p == 1:
+        diagonal_of_x, diagonal_of_own, above = F[:, 0], np.zeros((1, 0)), F0[0]
+        matrix = _Part(np.zeros((0, len(F))), np.zeros((0, 0)), np.zeros(0), [], np.zeros(0))
+    else:
+        # The own variables are the entries of L, row by row.
+        i, j = np.tril_indices(p)
+        own = np.zeros((len(i), 2 * p, 2 * p))
+        entry = np.arange(len(i))
+        own[entry, i, p + j] = own[entry, p + j, i] = 1.0
+        on_diagonal = np.flatnonzero(i == j)
+        own[on_diagonal, p + np.arange(p), p + np.arange(p)] = 1.0
+        matrix = _positive(_corner(F0), _corner(F), clarabel)
+        matrix = replace(matrix, of_own=_entries(own).T)
+        diagonal_of_x, above = np.zeros((len(F), p)), np.zeros(p)
+        diagonal_of_own = np.eye(len(i))[on_diagonal]
+    # t_k ≤ ln of the diagonal's entry k: (t_k, 1, entry) in the exponential cone.
+    rows, known = 3 * p, diagonal_of_own.shape[1]
+    of_x, of_own = np.zeros((rows, len(F))), np.zeros((rows, known + p))
+    of_x[2::3], of_own[2::3, :known], of_own[0::3, known:] = (
+        diagonal_of_x.T, diagonal_of_own, np.eye(p),
+    )  # fmt: skip
+    constant = np.column_stack((np.zeros(p), np.ones(p), above)).ravel()
+    return _Part(
+        np.vstack((matrix.of_x, of_x)),
+        np.vstack((np.pad(matrix.of_own, ((0, 0), (0, p))), of_own)),
+        np.concatenate((matrix.constant, constant)),
+        matrix.cones + [clarabel.ExponentialConeT()] * p,
+        np.repeat([0.0, 1.0], [known, p]),
+    )
+
+
+def _corner(F: Array) -> Array:
+    """Put matrices (…, p, p) into the upper left corner of zeros (…, 2p, 2p)."""
+    p = F.shape[-1]
+    return np.pad(F, [(0, 0)] * (F.ndim - 2) + [(0, p), (0, p)])
+
+
+def _entries(M: Array) -> Array:
+    """Return Clarabel's vector of symmetric matrices, (…, p, p) to (…, p(p+1)/2).
+
+    The upper triangle column by column, off-diagonal entries times √2.
+    """
+    i, j = np.tril_indices(M.shape[-1])
+    return M[..., i, j] * np.where(i == j, 1.0, np.sqrt(2))
+
+
+def _matrices(entries: Array, p: int) -> Array:
+    """Undo :func:`_entries`, shapes (…, p(p+1)/2) to (…, p, p)."""
+    i, j = np.tril_indices(p)
+    M = np.zeros((*entries.shape[:-1], p, p))
+    M[..., i, j] = M[..., j, i] = entries / np.where(i == j, 1.0, np.sqrt(2))
+    return M
+
+
+def _solve(
+    view: Active, weight: float, objective: str, max_steps: int, clarabel: Any, sparse: Any
+) -> Solution:
+    c_p, N = reference.particular_and_nullspace(view.W, view.problem.f)
+    in_c = Lmi.of(view)
+    block = _log_det if weight else _positive
+    parts = [
+        block(F0, F, clarabel)
+        for of_size in in_c.substitute(c_p, N).blocks
+        for F0, F in zip(of_size.F0, of_size.F.swapaxes(0, 1), strict=True)
+    ]
+    of_own = sparse.block_diag([part.of_own for part in parts])
+    A = -sparse.hstack((np.vstack([part.of_x for part in parts]), of_own)).tocsc()
+    own = of_own.shape[1]
+    normals = objective == "normals"
+    linear = view.normals if normals else c_p
+    q = np.concatenate((N.T @ linear, *[-weight * part.profit for part in parts]))
+    Q = sparse.diags(np.repeat([0.0 if normals else 1.0, 0.0], [len(N.T), own])).tocsc()
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.max_iter = max_steps
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = PRECISION
+    constant = np.concatenate([part.constant for part in parts])
+    cones = [cone for part in parts for cone in part.cones]
+    found = clarabel.DefaultSolver(Q, q, A, constant, cones, settings).solve()
+
+    word = str(found.status)
+    steps = int(found.iterations)
+    c = c_p + N @ np.array(found.x)[: len(N.T)]
+    effort = view.normals if normals else c
+    if word == "PrimalInfeasible":
+        outcome = feasible_start(view)
+        if isinstance(outcome, Solution):
+            return outcome
+        return answer(view, Status.STALLED, steps, c_p, np.zeros(len(c_p)))
+    status = {"Solved": Status.SOLVED, "MaxIterations": Status.MAX_STEPS}.get(word, Status.STALLED)
+    if weight:
+        return answer(view, status, steps, c, effort + weight * in_c.at(c).gradient)
+    return answer(view, status, steps, c, effort - _cone_forces(in_c, np.array(found.z)))
+
+
+def _cone_forces(in_c: Lmi, duals: Array) -> Array:
+    """Return tr(Z F_k) for every force component, shape (m,), from Clarabel's dual vector."""
+    total = np.zeros(len(in_c.blocks[0].F))
+    for part in in_c.blocks:
+        g, p = part.F0.shape[:2]
+        of_size, duals = np.split(duals, [g * p * (p + 1) // 2])
+        Z = _matrices(of_size.reshape(g, -1), p)
+        total += np.einsum("abc,jacb->j", Z, part.F)
+    return total
