@@ -43,7 +43,16 @@ from graspforce.solution import Solution, Verification
 from graspforce.solve import solve
 
 if TYPE_CHECKING:
-    from graspforce import figures, files, hands, reference, regrasp, scenarios, trajectory
+    from graspforce import (
+        baselines,
+        figures,
+        files,
+        hands,
+        reference,
+        regrasp,
+        scenarios,
+        trajectory,
+    )
 
 __version__ = "0.1.0"
 
@@ -68,6 +77,7 @@ __all__ = [
     "SolveError",
     "Status",
     "Verification",
+    "baselines",
     "check_certificate",
     "figures",
     "files",
@@ -81,7 +91,9 @@ __all__ = [
 ]
 
 # Imported at first use, so that `import graspforce` stays as light as NumPy.
-_LAZY = frozenset({"figures", "files", "hands", "reference", "regrasp", "scenarios", "trajectory"})
+_LAZY = frozenset(
+    {"baselines", "figures", "files", "hands", "reference", "regrasp", "scenarios", "trajectory"}
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,13 @@ from numpy.typing import NDArray
 from graspforce import reference
 from graspforce._arrays import Array
 from graspforce.contact import ContactModel, contact_starts
+from graspforce.errors import InvalidInputError
 from graspforce.outcome import PlainOutcome, Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
+
+# Products of a few numbers above this overflow in double precision.
+LARGEST = 1e60
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +87,26 @@ class Active:
         return max(0.0, float(-margins.min()), float(limits.max(initial=-np.inf)))
 
 
+def as_steps(max_steps: int) -> int:
+    """Return ``max_steps``, which must be a whole number of at least 1.
+
+    Raises:
+        InvalidInputError: it is not.
+    """
+    if not isinstance(max_steps, Integral) or max_steps < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InvalidInputError(
+            f"max_steps: got {max_steps!r}, expected a whole number of at least 1"
+        )
+    return int(max_steps)
+
+
 def run(problem: ForceProblem, method: Callable[[Active], Solution]) -> Solution:
     """Run a method where one is needed, and turn an overflow into its status.
 
     No method is needed for a wrench outside the range of W, nor when no contact is left.
     """
+    if np.abs(problem.packed).max() > LARGEST:
+        return _nothing(problem, Status.INVALID_NUMBERS)
     if not reference.wrench_reachable(problem):
         return _nothing(problem, Status.WRENCH_UNREACHABLE)
     if not problem.active.any():

@@ -7,16 +7,14 @@ Eq. (17), from a start inside, along a direction of descent with an exact line s
 from __future__ import annotations
 
 from collections.abc import Callable
-from numbers import Integral
 
 from numpy.typing import ArrayLike
 
 from graspforce import reference
 from graspforce._arrays import Array, as_array, as_positive
-from graspforce.baselines._active import Active, answer, run
-from graspforce.baselines._lmi import Lmi, Point, dikin_direction, line_search
+from graspforce.baselines._active import Active, answer, as_steps, run
+from graspforce.baselines._lmi import Lmi, Point, half_square_decrement, line_search
 from graspforce.baselines._start import feasible_start
-from graspforce.errors import InvalidInputError
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
@@ -51,10 +49,7 @@ def descend(
     """
     as_positive(barrier, "barrier", "N")
     as_positive(tol, "tol")
-    if not isinstance(max_steps, Integral) or max_steps < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InvalidInputError(
-            f"max_steps: got {max_steps!r}, expected a whole number of at least 1"
-        )
+    most = as_steps(max_steps)
     guess = None if start is None else as_array(start, "start", (problem.m,))
 
     def method(view: Active) -> Solution:
@@ -70,11 +65,11 @@ def descend(
             x, steps = N.T @ (found[0] - c_p), found[1]
         direction = make_direction(lmi)
         effort = N.T @ view.normals
-        status, last = Status.MAX_STEPS, steps + max_steps
+        status, last = Status.MAX_STEPS, steps + most
         while True:
             point = lmi.at(x)
             gradient = effort + barrier * point.gradient
-            if steps % judge_every == 0 and _decrement(point, gradient / barrier) <= tol:
+            if steps % judge_every == 0 and half_square_decrement(point, gradient / barrier) <= tol:
                 status = Status.SOLVED
                 break
             if steps == last:
@@ -86,10 +81,3 @@ def descend(
         return answer(view, status, steps, c, view.normals + barrier * in_c.at(c).gradient)
 
     return run(problem, method)
-
-
-def _decrement(point: Point, gradient: Array) -> float:
-    """Half the squared Newton decrement of a function whose Hessian is the barrier's."""
-    if not len(gradient):
-        return 0.0
-    return max(0.0, -float(gradient @ dikin_direction(point, gradient))) / 2

@@ -105,13 +105,21 @@ class Lmi:
     def widen(self, of_contacts: Array, of_limits: Array) -> Lmi:
         """Return the inequality in (x, sigma): each block moved by sigma times its unit.
 
+        A last row, 1 + sigma > 0, keeps sigma finite where nothing limits the grip.
+
         Args:
             of_contacts: the units of the contacts' blocks, shape (n,).
             of_limits: the units of the limits, shape (v,).
         """
-        units = [of_contacts[part.members] for part in self.blocks[:-1]] + [of_limits]
+        *cones, limits = self.blocks
+        limits = Blocks(
+            np.append(limits.members, -1),
+            np.append(limits.F0, [[[1.0]]], axis=0),
+            np.pad(limits.F, ((0, 0), (0, 1), (0, 0), (0, 0))),
+        )
+        units = [of_contacts[part.members] for part in cones] + [np.append(of_limits, 1.0)]
         parts: list[Blocks] = []
-        for part, unit in zip(self.blocks, units, strict=True):
+        for part, unit in zip((*cones, limits), units, strict=True):
             shift = unit[:, None, None] * np.eye(part.F0.shape[-1])
             parts.append(Blocks(part.members, part.F0, np.concatenate((part.F, shift[None]))))
         return Lmi(tuple(parts))
@@ -162,13 +170,10 @@ class Point:
         return total
 
     @property
-    def metric(self) -> Array:
-        """The barrier's Hessian tr(P⁻¹F_i P⁻¹F_j), shape (q, q)."""
-        total = np.zeros((len(self.x), len(self.x)))
-        for inverse, part in zip(self._inverse, self.lmi.blocks, strict=True):
-            scaled = inverse @ part.F
-            total += np.einsum("iabc,jacb->ij", scaled, scaled)
-        return total
+    def metric_root(self) -> Array:
+        """M of the barrier's Hessian M.T M, shape (·, q): columns of P^(−1/2) F_j P^(−1/2)."""
+        columns = [self._rolled(part.F, k) for k, part in enumerate(self.lmi.blocks)]
+        return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1).T
 
     def spectrum(self, d: Array) -> Array:
         """Return the eigenvalues of P^(−1/2) D P^(−1/2) with D = Σ_j d_j F_j.
@@ -176,12 +181,15 @@ class Point:
         P(x + t d) has the determinant det P(x) · Π (1 + t·eigenvalue).
         """
         values: list[Array] = []
-        for e, V, part in zip(self._values, self._vectors, self.lmi.blocks, strict=True):
-            root = V / np.sqrt(e)[:, None, :]
-            values.append(
-                np.linalg.eigvalsh(root.swapaxes(1, 2) @ np.tensordot(d, part.F, 1) @ root).ravel()
-            )
+        for k, part in enumerate(self.lmi.blocks):
+            D = self._rolled(np.tensordot(d, part.F, 1), k)
+            values.append(np.asarray(np.linalg.eigvalsh(D), dtype=np.float64).ravel())
         return np.concatenate(values)
+
+    def _rolled(self, F: Array, k: int) -> Array:
+        """P^(−1/2) F P^(−1/2) for the blocks of part k, in the axes of P's eigenvectors."""
+        root = self._vectors[k] / np.sqrt(self._values[k])[:, None, :]
+        return root.swapaxes(1, 2) @ F @ root
 
     def multipliers(self, d: Array) -> list[Array]:
         """Return Z = P⁻¹ − P⁻¹ D P⁻¹ of each part of the blocks, shapes (g, p, p).
@@ -197,10 +205,21 @@ class Point:
 
 def dikin_direction(point: Point, gradient: Array) -> Array:
     """Return the steepest descent in the metric of Dikin's ellipsoid, −metric⁻¹ gradient."""
-    metric = point.metric
-    scale = 1 / np.sqrt(np.diag(metric))
-    scaled = metric * scale[:, None] * scale
-    return -scale * np.linalg.solve(scaled, scale * gradient)
+    M = point.metric_root
+    scale = 1 / np.linalg.norm(M, axis=0)
+    R = np.linalg.qr(M * scale).R  # the metric is never formed: its root has all the digits
+    return -scale * np.linalg.solve(R, np.linalg.solve(R.T, scale * gradient))
+
+
+def half_square_decrement(point: Point, gradient: Array) -> float:
+    """Half the squared Newton decrement of a function with the barrier's Hessian.
+
+    Such a function is standard self-concordant: below 1e-3 or so this bounds how far it is
+    above its minimum, but for a third-order term.
+    """
+    if not len(gradient):
+        return 0.0
+    return max(0.0, -float(gradient @ dikin_direction(point, gradient))) / 2
 
 
 def line_search(spectrum: Array, slope: float, weight: float) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from graspforce import reference
 from graspforce._arrays import Array
 from graspforce.baselines._active import Active
-from graspforce.baselines._lmi import Lmi, Point, dikin_direction, line_search
+from graspforce.baselines._lmi import Lmi, dikin_direction, line_search
 from graspforce.certificate import Certificate, check_certificate
 from graspforce.outcome import PlainOutcome, Status
 from graspforce.solution import Solution
@@ -46,7 +46,11 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
         point = relaxed.at(x)
         gradient = point.gradient
         gradient[-1] += weight
-        d = dikin_direction(point, gradient)
+        try:
+            d = dikin_direction(point, gradient)
+        except np.linalg.LinAlgError:  # rounding has the last word
+            status = Status.STALLED
+            break
         decrement = math.sqrt(max(0.0, -float(gradient @ d)))
         steps += 1
         if decrement < 1:
@@ -54,7 +58,6 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
         if decrement >= 0.3:
             x = x + line_search(point.spectrum(d), weight * float(d[-1]), 1.0) * d
         elif proof is not None and relaxed.rows <= 1e-7 * weight * x[-1]:
-            status = Status.INFEASIBLE
             break
         elif weight >= FINAL_WEIGHT:
             status = Status.STALLED
@@ -62,21 +65,22 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
         else:
             weight *= 10
     c = view.spread(c_p + N @ x[:-1])
-    if proof is None or status is not Status.INFEASIBLE:
+    if proof is None:
         return Solution(PlainOutcome(status, steps, c, np.zeros(len(view.W))), view.problem)
     y, z = proof
     counted = view.problem.counted_limits()
     every = np.zeros(len(counted))
     every[counted] = z
     return Solution(
-        PlainOutcome(status, steps, c, y, violation=float(x[-1]), y=y, z=every), view.problem
+        PlainOutcome(Status.INFEASIBLE, steps, c, y, violation=float(x[-1]), y=y, z=every),
+        view.problem,
     )
 
 
 def _proof(view: Active, in_c: Lmi, multipliers: list[Array]) -> tuple[Array, Array] | None:
     """Return y and z of a Certificate from the multipliers of P's blocks, if they prove any."""
     *cones, limits = multipliers
-    z = limits.ravel()
+    z = limits.ravel()[:-1]  # the last row is sigma's own
     target = view.A.T @ z
     for part, Z in zip(in_c.blocks, cones, strict=False):  # the last of the blocks is the limits
         target = target - np.einsum("abc,jacb->j", Z, part.F)

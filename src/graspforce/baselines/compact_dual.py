@@ -8,12 +8,12 @@ paper's four fingers). What remains is min g·x with G x ≤ h, far more rows th
 dual, min h·y with G.T y = −g and y ≥ 0, has only p equations: a simplex step on it factorises one
 p×p matrix, however many facets and limits there are. The simplex multipliers are x.
 
-The WBF paper says of [3] only that it solves the LP of [2] by a compact dual method; the elimination
-and the dual are in the abstract of [3]. Chosen here: the sum of normal forces as the objective, the
-linear part of the SDP methods and of the SOCP; cones with ``facets`` facets inside the true
-cone, so that every answer holds on it, or around it; two phases, in which the most negative
-reduced cost enters and the lexicographic rule decides which variable leaves, because most of the
-dual's vertices are degenerate.
+The WBF paper says of [3] only that it solves linear programs like that of [2] by a compact dual
+method; the elimination by the echelon form and the dual are in the abstract of [3]. Chosen here:
+the sum of normal forces as the objective, which is also the linear part of the SDP methods;
+cones with ``facets`` facets inside the true cone, so that every answer holds on it, or around it;
+two phases, in which the most negative reduced cost enters and the lexicographic rule decides which
+variable leaves, because most of the dual's vertices are degenerate.
 
 A linear program sits on a vertex: some margins are zero to rounding, and the forces jump when
 the vertex changes.
@@ -28,9 +28,10 @@ from numbers import Integral
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspforce._arrays import Array
-from graspforce.baselines._active import Active, answer, run
+from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._start import feasible_start
 from graspforce.contact import FPC, SFC, ContactModel
 from graspforce.errors import InvalidInputError
@@ -71,7 +72,8 @@ def solve(
         raise InvalidInputError(f"facets: got {facets!r}, expected an even number of at least 4")
     if cones not in ("inner", "outer"):
         raise InvalidInputError(f"cones: got {cones!r}, expected 'inner' or 'outer'")
-    return run(problem, lambda view: _solve(view, facets, cones == "inner", max_steps))
+    most = as_steps(max_steps)
+    return run(problem, lambda view: _solve(view, facets, cones == "inner", most))
 
 
 def _solve(view: Active, facets: int, inner: bool, max_steps: int) -> Solution:
@@ -114,8 +116,8 @@ def facet_rows(model: ContactModel, facets: int, inner: bool) -> Array:
     """Return one contact's rows: u·t ≤ mu n for directions u all around, shape (·, dim).
 
     The regular polygon around a circle has its corners at 1/cos(pi/facets) radii, so that the
-    one with cos(pi/facets)·mu is inside. A soft finger's ball takes such polygons of longitudes and of
-    latitudes, and the cosine twice.
+    one with cos(pi/facets)·mu is inside. A soft finger's ball takes such polygons of longitudes
+    and of latitudes, and the cosine twice.
     """
     if isinstance(model, FPC):
         return np.array([[-1.0]])
@@ -125,8 +127,8 @@ def facet_rows(model: ContactModel, facets: int, inner: bool) -> Array:
     if isinstance(model, SFC):
         latitude = math.pi * (2 * np.arange(facets // 2 + 1) / facets - 0.5)
         cos, sin = np.cos(latitude), np.sin(latitude) * model.mu / model.gamma
-        u = np.vstack([np.column_stack((a * u, np.full(facets, b))) for a, b in zip(cos, sin)])
-        u, inside = np.unique(np.round(u, 15), axis=0), inside**2 if inner else 1.0
+        u = np.column_stack((np.kron(cos[:, None], u), np.repeat(sin, facets)))
+        inside = inside**2
     return np.column_stack((np.full(len(u), -inside * model.mu), u))
 
 
@@ -177,7 +179,7 @@ class Vertex:
     """
 
     status: Status
-    basis: Array
+    basis: NDArray[np.int64]
     values: Array
     multipliers: Array
     pivots: int
@@ -195,14 +197,14 @@ def simplex(A: Array, h: Array, target: Array, max_steps: int) -> Vertex:
     p, v = A.shape
     signs = np.where(target < 0, -1.0, 1.0)
     columns = np.hstack((A, np.diag(signs)))  # an artificial variable a row
-    basis = np.arange(v, v + p)
+    basis = np.arange(v, v + p, dtype=np.int64)
     pivots = 0
     for phase in (1, 2):
         costs = np.concatenate((np.zeros(v), np.ones(p)) if phase == 1 else (h, np.zeros(p)))
         while True:
             B = columns[:, basis]
-            values = np.linalg.solve(B, target)
-            multipliers = np.linalg.solve(B.T, costs[basis])
+            values = solve_square(B, target)
+            multipliers = solve_square(B.T, costs[basis])
             reduced = costs[:v] - multipliers @ A
             entering = np.flatnonzero(reduced < -ZERO * (1 + np.abs(multipliers).max(initial=0.0)))
             if not len(entering):
@@ -212,7 +214,7 @@ def simplex(A: Array, h: Array, target: Array, max_steps: int) -> Vertex:
                 status = Status.MAX_STEPS
                 break
             j = int(entering[np.argmin(reduced[entering])])
-            step = np.linalg.solve(B, columns[:, j])
+            step = solve_square(B, columns[:, j])
             # In phase 2 an artificial variable, zero by then, may not grow either.
             blocking = np.flatnonzero(
                 (step > ZERO) | ((basis >= v) & (np.abs(step) > ZERO) & (phase == 2))
@@ -220,7 +222,7 @@ def simplex(A: Array, h: Array, target: Array, max_steps: int) -> Vertex:
             if not len(blocking):
                 status = Status.UNBOUNDED
                 break
-            order = np.column_stack((values, np.linalg.solve(B, columns[:, v:])))
+            order = np.column_stack((values, solve_square(B, columns[:, v:])))
             ratios = order[blocking] / np.abs(step[blocking])[:, None]
             basis[blocking[lexicographic_least(ratios)]] = j
             pivots += 1
@@ -231,6 +233,11 @@ def simplex(A: Array, h: Array, target: Array, max_steps: int) -> Vertex:
             break
     inside = basis < v
     return Vertex(status, basis[inside], values[inside], multipliers, pivots)
+
+
+def solve_square(B: Array, right: Array) -> Array:
+    """Return B⁻¹ right."""
+    return np.asarray(np.linalg.solve(B, right), dtype=np.float64)
 
 
 def lexicographic_least(rows: Array) -> int:

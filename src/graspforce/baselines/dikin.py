@@ -9,8 +9,8 @@ is). Each step goes along the steepest descent in the metric of Dikin's ellipsoi
 knows how near every cone and limit is. As the Hessian of the barrier is that metric, the
 direction is Newton's and the end is quadratic.
 
-The WBF paper says that the algorithm is of Dikin's type, needs a feasible start (here after [9], see
-``_start``) and finds its step size by a line search. Chosen here: the null-space coordinates of
+The WBF paper says that the algorithm is of Dikin's type, needs a feasible start (here after [9],
+see ``_start``) and finds its step size by a line search. Chosen here: the null-space coordinates of
 Eq. (17), and an exact line search, whose one-dimensional function is known from the eigenvalues of
 the step in P's metric.
 """

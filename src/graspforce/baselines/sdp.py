@@ -5,17 +5,17 @@
 The WBF paper says of [4] that its objective is a linear sum of the contact wrenches plus a
 barrier that grows without bound as P turns singular, and that the weight between them trades
 effort against slip; Han, Trinkle and Li [12] cast it as linear matrix inequalities. Left open, and
-chosen here: the linear sum is that of the normal forces, in newtons; the barrier is −ln det, that
-of the "maxdet" form of [12], which gradient flow and Dikin recursion share; P holds the torque limits
-and every other linear limit beside the friction cones (``_lmi``). Without barrier this is the SDP
-form of a second-order cone program, and its optimum lies on the boundary.
+chosen here: the linear sum is that of the normal forces, in newtons; the barrier is −ln det, which
+gradient flow and Dikin recursion share; P holds the torque limits and every other linear limit
+beside the friction cones (``_lmi``). Without barrier this is the SDP form of a second-order cone
+program, and its optimum lies on the boundary.
 
 Clarabel solves it with semidefinite cones: P(c) ⪰ 0 itself without barrier. With barrier, for each
 block, a lower triangular L with ⎡P, L; L.T, diag L⎤ ⪰ 0, which makes Σ ln L_ii at most ln det P and
 equal to it at the best L; the logarithms are exponential cones.
 
-Schlegl et al. [11] let fingers go and grip again by this SDP: engagement and c_max of the problem are
-ceilings in P, and a removed contact has left it.
+Schlegl et al. [11] let fingers go and grip again by this SDP: engagement and c_max of the problem
+are ceilings in P, and a removed contact has left it.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ import numpy as np
 
 from graspforce import reference
 from graspforce._arrays import Array, as_array
-from graspforce.baselines._active import Active, answer, run
-from graspforce.baselines._lmi import Lmi
+from graspforce.baselines._active import Active, answer, as_steps, run
+from graspforce.baselines._lmi import Lmi, half_square_decrement
 from graspforce.baselines._start import feasible_start
 from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.outcome import Status
@@ -36,6 +36,8 @@ from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
 PRECISION = 1e-10
+# The objective / barrier of an answer with barrier is at most this much above its minimum.
+NEARNESS = 1e-6
 
 
 def solve(
@@ -66,10 +68,11 @@ def solve(
         raise InvalidInputError(f"barrier: got {weight:g}, expected 0 or more")
     if objective not in ("normals", "norm"):
         raise InvalidInputError(f"objective: got {objective!r}, expected 'normals' or 'norm'")
+    most = as_steps(max_steps)
     clarabel, sparse = _libraries()
 
     def method(view: Active) -> Solution:
-        return _solve(view, weight, objective, max_steps, clarabel, sparse)
+        return _solve(view, weight, objective, most, clarabel, sparse)
 
     return run(problem, method)
 
@@ -175,10 +178,11 @@ def _solve(
 ) -> Solution:
     c_p, N = reference.particular_and_nullspace(view.W, view.problem.f)
     in_c = Lmi.of(view)
+    in_x = in_c.substitute(c_p, N)
     block = _log_det if weight else _positive
     parts = [
         block(F0, F, clarabel)
-        for of_size in in_c.substitute(c_p, N).blocks
+        for of_size in in_x.blocks
         for F0, F in zip(of_size.F0, of_size.F.swapaxes(0, 1), strict=True)
     ]
     of_own = sparse.block_diag([part.of_own for part in parts])
@@ -206,9 +210,16 @@ def _solve(
         if isinstance(outcome, Solution):
             return outcome
         return answer(view, Status.STALLED, steps, c_p, np.zeros(len(c_p)))
-    status = {"Solved": Status.SOLVED, "MaxIterations": Status.MAX_STEPS}.get(word, Status.STALLED)
+    failed = Status.MAX_STEPS if word == "MaxIterations" else Status.STALLED
     if weight:
+        # The barrier's Hessian is at hand, so the forces are judged by themselves: Clarabel's
+        # exponential cones sometimes end short of the precision asked for.
+        point = in_x.at(np.array(found.x)[: len(N.T)])
+        gradient = N.T @ effort / weight + point.gradient
+        near = point.inside and half_square_decrement(point, gradient) <= NEARNESS
+        status = Status.SOLVED if near else failed
         return answer(view, status, steps, c, effort + weight * in_c.at(c).gradient)
+    status = Status.SOLVED if word == "Solved" else failed
     return answer(view, status, steps, c, effort - _cone_forces(in_c, np.array(found.z)))
 
 

@@ -1,0 +1,52 @@
+"""The recurrent neural network: its projection, its path, its end against another solver."""
+
+import itertools
+
+import numpy as np
+import pytest
+from baseline_oracles import random_problems, socp
+
+import graspforce as gf
+from graspforce import scenarios
+from graspforce.baselines import neural_network
+from graspforce.baselines.neural_network import project
+
+
+def test_projection_onto_the_cone_is_moreaus(rng):
+    y = rng.normal(size=(500, 4))
+    p = project(y)
+    rest = p - y  # in the dual cone, which is the cone itself, and at a right angle to p
+    for each in (p, rest):
+        assert (each[:, 0] >= np.linalg.norm(each[:, 1:], axis=1) - 1e-12).all()
+    assert np.einsum("ij,ij->i", p, rest) == pytest.approx(0, abs=1e-12)
+    assert project(np.array([[2.0, 0, 0, 0], [-1.0, 0, 0, 0]])).tolist() == [[2, 0, 0, 0], [0] * 4]
+
+
+def test_ends_at_the_least_norm_from_rest_and_from_a_feasible_start(rng):
+    paper = [scenarios.get("static").problem(0.0), scenarios.get("dynamic").problem(0.7)]
+    for problem in itertools.chain(paper, random_problems(rng, 4)):
+        value, c = socp(problem, "norm")
+        for start in (None, gf.solve(problem, check=True).c):
+            solution = neural_network.solve(problem, start=start)
+            assert solution.status is gf.Status.SOLVED
+            assert solution.c @ solution.c / 2 == pytest.approx(value, abs=1e-6)
+            assert solution.c == pytest.approx(c, abs=1e-4)
+            assert solution.wrench_error < 1e-12
+            assert solution.friction_margins.min() > -1e-6
+
+
+def test_forces_scale_with_the_problem():
+    problem = scenarios.get("static").problem(0.0)
+    big = problem.replace(
+        f=100 * problem.f, tau_lo=100 * problem.tau_lo, tau_hi=100 * problem.tau_hi
+    )
+    c = neural_network.solve(problem).c
+    assert neural_network.solve(big).c == pytest.approx(100 * c, rel=1e-6, abs=1e-4)
+
+
+def test_nu_is_the_price_of_the_wrench():
+    problem = scenarios.get("static").problem(0.0)
+    nu = neural_network.solve(problem).nu
+    step = 1e-2 * np.eye(6)[2]
+    up, down = (socp(problem.replace(f=problem.f + s * step), "norm")[0] for s in (1, -1))
+    assert (up - down) / 2e-2 == pytest.approx(nu[2], abs=1e-4)
