@@ -207,8 +207,10 @@ def dikin_direction(point: Point, gradient: Array) -> Array:
     """Return the steepest descent in the metric of Dikin's ellipsoid, −metric⁻¹ gradient."""
     M = point.metric_root
     scale = 1 / np.linalg.norm(M, axis=0)
-    R = np.linalg.qr(M * scale).R  # the metric is never formed: its root has all the digits
-    return -scale * np.linalg.solve(R, np.linalg.solve(R.T, scale * gradient))
+    # The metric itself is never formed: its root has all the digits.
+    R = np.asarray(np.linalg.qr(M * scale)[1], dtype=np.float64)
+    inner = np.asarray(np.linalg.solve(R.T, scale * gradient), dtype=np.float64)
+    return np.asarray(-scale * np.linalg.solve(R, inner), dtype=np.float64)
 
 
 def half_square_decrement(point: Point, gradient: Array) -> float:

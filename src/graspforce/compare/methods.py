@@ -1,0 +1,90 @@
+"""All methods under one roof: the WBF of this package and every baseline."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from graspforce.baselines import METHODS
+from graspforce.errors import InvalidInputError
+from graspforce.problem import ForceProblem
+from graspforce.servo import Servo
+from graspforce.solution import Solution
+from graspforce.solve import solve
+
+WBF = "wbf"
+NAMES: tuple[str, ...] = (WBF, *METHODS)
+"""Every method that there is, installed or not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """One method.
+
+    Attributes:
+        name: one of ``NAMES``.
+        cold: solves a problem from scratch.
+        warm: makes a function that solves a stream of problems, each from the one before; None
+            for a method that cannot.
+    """
+
+    name: str
+    cold: Callable[[ForceProblem], Solution]
+    warm: Callable[[], Callable[[ForceProblem], Solution]] | None
+
+
+def method(name: str) -> Method:
+    """Return a method by name.
+
+    Raises:
+        InvalidInputError: an unknown name.
+    """
+    if name == WBF:
+        return Method(WBF, solve, _Stream)
+    if name not in METHODS:
+        raise InvalidInputError(f"methods: got {name!r}, expected one of {', '.join(NAMES)}")
+    baseline: Callable[..., Solution] = importlib.import_module(METHODS[name]).solve
+    restarts = "start" in inspect.signature(baseline).parameters
+    return Method(name, baseline, (lambda: _Restart(baseline)) if restarts else None)
+
+
+def chosen(names: Sequence[str] | None) -> list[Method]:
+    """Return the methods of these names, or all.
+
+    Raises:
+        InvalidInputError: an unknown name.
+    """
+    return [method(name) for name in (NAMES if names is None else names)]
+
+
+class _Stream:
+    """A Servo that is made when the first problem comes."""
+
+    def __init__(self) -> None:
+        self._servo: Servo | None = None
+
+    def __call__(self, problem: ForceProblem) -> Solution:
+        if self._servo is None:
+            self._servo = Servo(problem)
+        ceilings = problem.layout.ceilings
+        return self._servo.step(
+            f=problem.f,
+            W=problem.W,
+            J=problem.J if problem.layout.joints else None,
+            engagement=problem.engagement if ceilings else None,
+        )
+
+
+class _Restart:
+    """A method that starts from the forces before."""
+
+    def __init__(self, baseline: Callable[..., Solution]) -> None:
+        self._baseline = baseline
+        self._last: Solution | None = None
+
+    def __call__(self, problem: ForceProblem) -> Solution:
+        start = None if self._last is None else self._last.c
+        self._last = self._baseline(problem, start=start)
+        return self._last
