@@ -18,9 +18,12 @@ from graspforce.problem import ForceProblem, Layout
 from graspforce.settings import Settings
 
 # The same core stands in a second module, built for wider registers, where there are such.
-_module = importlib.import_module("graspforce._core_avx2") if _core.has_avx2() else _core
-_native_solve: Callable[..., Any] = _module.solve
-NativeServo: type[_core.Servo] = _module.Servo
+modules: dict[str, Any] = {"baseline instructions": _core}
+if _core.has_avx2():
+    modules["AVX2 and FMA"] = importlib.import_module("graspforce._core_avx2")
+module: Any = next(reversed(modules.values()))
+NativeServo: type[_core.Servo] = module.Servo
+_native_solve: Callable[..., Any] = module.solve
 
 _T = TypeVar("_T")
 

@@ -1,0 +1,30 @@
+"""How fast this machine is: graspforce, and the solvers beside it, timed in one run.
+
+``graspforce bench`` prints what :func:`measure` returns. Only ratios within a run are worth
+comparing between machines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from graspforce.bench import own, peers
+from graspforce.bench.measurement import Measurement, Row, Run
+
+__all__ = ["Measurement", "Row", "Run", "measure"]
+
+
+def measure(effort: int = 20, tell: Callable[[Measurement], None] | None = None) -> Run:
+    """Time ticks, cold solves, growth with the contacts, the other solvers and the import.
+
+    Args:
+        effort: rounds of every measurement.
+        tell: called with each measurement when it is made.
+    """
+    measurements: list[Measurement] = []
+    for part in (own.ticks_and_solves, own.growth, peers.beside_others, own.import_time):
+        for measurement in part(effort):
+            measurements.append(measurement)
+            if tell is not None:
+                tell(measurement)
+    return Run.of(measurements)

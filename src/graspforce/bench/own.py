@@ -1,0 +1,140 @@
+"""Times of graspforce itself: ticks, cold solves, growth with the contacts, import."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from graspforce import _engine
+from graspforce._arrays import Array
+from graspforce.bench import workloads
+from graspforce.bench.clock import Call, Pair, hot, nothing, paced
+from graspforce.bench.measurement import Measurement
+from graspforce.problem import ForceProblem
+from graspforce.servo import Servo
+from graspforce.settings import Settings
+from graspforce.solve import solve
+
+RATE = 1000.0  # 1/s
+CONTACTS = (4, 8, 16, 32, 64)
+
+
+def ticks_and_solves(effort: int) -> Iterator[Measurement]:
+    """Time the dynamic task from C++ and from Python, ``effort`` rounds of 500 ticks each."""
+    problems = workloads.dynamic_task()
+    task = "tick, the paper's dynamic task"
+    for name, module in _engine.modules.items():
+        yield Measurement(task, f"C++, {name}", _core_times(module, problems, effort))
+    bound, whole, passed = bound_ticks(problems), written_ticks(problems), steps(problems)
+    yield Measurement(task, "servo.tick(), its arrays written before", hot(bound, effort))
+    yield Measurement(task, "the same and writing f, W, J", hot(whole, effort))
+    yield Measurement(task, "servo.step(f=, W=, J=)", hot(passed, effort))
+    at_rate = f"tick, paced at {RATE:.0f} Hz"
+    count = 100 * effort
+    yield Measurement(at_rate, "an empty call", paced([(nothing, nothing)], RATE, count))
+    yield Measurement(at_rate, "servo.tick(), its arrays written before", paced(bound, RATE, count))
+    yield Measurement(at_rate, "servo.step(f=, W=, J=)", paced(passed, RATE, count))
+    cold = "cold solve"
+    for name, module in _engine.modules.items():
+        times = _core_times(module, problems, effort, cold=True)
+        yield Measurement(cold, f"dynamic task, C++, {name}", times)
+    for name, some in (
+        ("dynamic task, solve(problem)", problems),
+        ("random grasps, solve(problem)", workloads.random_grasps(500)),
+    ):
+        calls: list[Pair] = [(nothing, partial(solve, problem)) for problem in some]
+        yield Measurement(cold, name, hot(calls, effort))
+
+
+def growth(effort: int) -> Iterator[Measurement]:
+    """Time grasps of more and more contacts in C++: a tick, and one Newton step."""
+    module = _engine.module
+    for contacts in CONTACTS:
+        problems = workloads.breathing_grasp(contacts)
+        times = _core_times(module, problems, effort)
+        yield Measurement("tick by number of contacts, C++", f"{contacts} contacts", times)
+    for contacts in CONTACTS:
+        times = _newton_step(workloads.breathing_grasp(contacts, 1)[0], effort)
+        yield Measurement("one Newton step of a cold solve", f"{contacts} contacts", times)
+
+
+def import_time(effort: int) -> Iterator[Measurement]:
+    """Time the import of graspforce beyond NumPy's, in fresh interpreters with cached bytecode."""
+    code = (
+        "import time, numpy; t = time.perf_counter(); import graspforce; "
+        "print(1e6 * (time.perf_counter() - t))"
+    )
+    with tempfile.TemporaryDirectory() as cache:
+        # The cache is a folder of our own: a setting against writing bytecode does not count.
+        settings = {key: v for key, v in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+        settings["PYTHONPYCACHEPREFIX"] = cache
+        run = partial(subprocess.run, [sys.executable, "-c", code], check=True, env=settings)
+        runs = [float(run(stdout=subprocess.PIPE).stdout) for _ in range(1 + min(effort, 10))]
+    yield Measurement("import", "import graspforce, beyond NumPy's", np.array(runs[1:]))
+
+
+def steps(problems: list[ForceProblem]) -> list[Pair]:
+    """Return ticks that pass new arrays to ``servo.step``."""
+    servo = Servo(problems[0])
+
+    def step(f: Array, W: Array, J: Array) -> Call:
+        return lambda: servo.step(f=f, W=W, J=J)
+
+    return [(nothing, step(np.array(p.f), np.array(p.W), np.array(p.J))) for p in problems]
+
+
+def bound_ticks(problems: list[ForceProblem]) -> list[Pair]:
+    """Return ticks from arrays that were written before the clock starts."""
+    servo = Servo(problems[0])
+    write = _writer(servo)
+    return [(partial(write, p.f, p.W, p.J), servo.tick) for p in problems]
+
+
+def written_ticks(problems: list[ForceProblem]) -> list[Pair]:
+    """Return ticks with the writing of the arrays."""
+    servo = Servo(problems[0])
+    write = _writer(servo)
+
+    def tick(new_f: Array, new_W: Array, new_J: Array) -> None:
+        write(new_f, new_W, new_J)
+        servo.tick()
+
+    return [(nothing, partial(tick, p.f, p.W, p.J)) for p in problems]
+
+
+def _writer(servo: Servo) -> Callable[[Array, Array, Array], None]:
+    f, W, J = servo.f, servo.W, servo.J
+
+    def write(new_f: Array, new_W: Array, new_J: Array) -> None:
+        f[:] = new_f
+        W[:] = new_W
+        J[:] = new_J
+
+    return write
+
+
+def _core_times(
+    module: Any, problems: list[ForceProblem], rounds: int, cold: bool = False
+) -> Array:
+    defaults, stream = Settings(), np.stack([problem.packed for problem in problems])
+    layout = problems[0].layout
+    return 1e-3 * module.time_ticks(*layout, stream, rounds, defaults.tol, defaults.max_steps, cold)
+
+
+def _newton_step(problem: ForceProblem, rounds: int) -> Array:
+    """Time a step by what each step more of a budget adds to a cold solve with far to go."""
+    far = problem.replace(alpha=1000.0)
+    most = solve(far).newton_steps - 1
+    stream = np.stack([far.packed] * 20)
+    ends = [
+        _engine.module.time_ticks(*far.layout, stream, 5 * rounds, 1e-9, budget, True)
+        for budget in (1, most)
+    ]
+    return 1e-3 * (ends[1] - np.median(ends[0])) / (most - 1)

@@ -1,0 +1,56 @@
+"""A run of the benchmark as a picture: medians and 99th percentiles on a logarithmic axis."""
+
+# matplotlib does not annotate its **kwargs.
+# pyright: reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from graspforce.bench.measurement import Run
+from graspforce.figures import style
+from graspforce.files import replacing
+
+_ROW, _REST = 0.24, 1.2  # [inch]
+
+
+def draw(run: Run, path: Path) -> None:
+    """Write the picture; the suffix of the path decides on its kind.
+
+    Raises:
+        MissingExtraError: matplotlib is missing.
+    """
+    lines: list[tuple[str, float, float] | str] = []
+    group = None
+    for row in run.rows:
+        if row.group != group:
+            lines.append(row.group)
+            group = row.group
+        lines.append((row.name, row.p50, row.p99))
+    figure = style.new_figure(height=_ROW * len(lines) + _REST, width=9.0)
+    axes = figure.add_subplot()
+    for index, line in enumerate(lines):
+        if isinstance(line, str):
+            continue
+        name, p50, p99 = line
+        own = "graspforce" in name or "servo" in name or "C++" in name or "contacts" in name
+        colour = style.FINGERS[0] if own else style.GREY
+        axes.plot([p50, max(p99, p50)], [index, index], color=colour, linewidth=1.2)
+        axes.plot(p50, index, "o", color=colour, markersize=4.5)
+        axes.text(1.15 * max(p99, p50), index, f"{p50:.3g}", va="center", fontsize=7, color=colour)
+    axes.set_yticks(
+        range(len(lines)), [line if isinstance(line, str) else line[0] for line in lines]
+    )
+    for label, line in zip(axes.get_yticklabels(), lines, strict=True):
+        label.set_fontsize(7.5)
+        label.set_fontweight("bold" if isinstance(line, str) else "normal")
+    axes.tick_params(axis="y", length=0)
+    axes.invert_yaxis()
+    axes.set_xscale("log")
+    axes.set_xlabel("time [µs]: dot p50, line to p99")
+    axes.grid(axis="x", which="major", color=style.LIGHT)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+    figure.tight_layout()
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format=path.suffix[1:], dpi=150)

@@ -1,0 +1,111 @@
+"""graspforce bench: what is timed, kept and compared. No test depends on how long anything takes."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+import graspforce as gf
+from graspforce import bench
+from graspforce.bench import clock, own, peers, plot, workloads
+
+
+@pytest.fixture(scope="module")
+def run():
+    return bench.Run.of([*own.ticks_and_solves(1), *own.growth(1), *peers.beside_others(1)])
+
+
+def test_a_run_times_what_it_promises(run):
+    groups = list(dict.fromkeys(row.group for row in run.rows))
+    assert groups == [
+        "tick, the paper's dynamic task",
+        "tick, paced at 1000 Hz",
+        "cold solve",
+        "tick by number of contacts, C++",
+        "one Newton step of a cold solve",
+        peers.GROUP,
+    ]
+    names = [row.name for row in run.rows]
+    assert "servo.step(f=, W=, J=)" in names
+    assert "C++, baseline instructions" in names
+    assert peers.OWN in names
+    assert all(row.p50 <= row.p99 <= row.p999 and row.count > 0 for row in run.rows)
+
+
+def test_every_tick_that_is_timed_is_solved():
+    problems = workloads.dynamic_task()[:40]
+    for ticks in (own.bound_ticks(problems), own.written_ticks(problems), own.steps(problems)):
+        for before, call in ticks:
+            before()
+            answer = call()
+        if isinstance(answer, gf.Solution):
+            assert answer.status is gf.Status.SOLVED
+    (before, tick) = own.bound_ticks(problems)[5]
+    before()
+    assert tick() is gf.Status.SOLVED
+
+
+def test_random_grasps_are_feasible_and_the_same_each_time():
+    once, again = workloads.random_grasps(20), workloads.random_grasps(20)
+    assert once == again
+    assert all(gf.solve(problem).status is gf.Status.SOLVED for problem in once)
+    for contacts in own.CONTACTS:
+        stream = workloads.breathing_grasp(contacts, 4)
+        assert all(gf.solve(problem).status is gf.Status.SOLVED for problem in stream)
+
+
+def test_times_are_of_the_call_and_not_of_what_comes_before():
+    order = []
+    pairs = [(lambda: order.append("before"), lambda: order.append("call"))] * 3
+    times = clock.hot(pairs, rounds=2)
+    assert times.shape == (6,)  # the first round warms up
+    assert order == ["before", "call"] * 9
+    assert clock.paced(pairs, 1e4, ticks=7).shape == (7,)
+
+
+def test_a_run_is_kept_and_read_again(run, tmp_path):
+    path = tmp_path / "run.json"
+    run.save(path)
+    assert bench.Run.load(path) == run
+    row = run.rows[0]
+    assert run.p50(row.group, row.name) == row.p50
+    assert run.p50(row.group, "no such thing") is None
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"rows": [{"p50": 1}]}', '{"rows": 3}'])
+def test_another_file_is_refused(tmp_path, text):
+    path = tmp_path / "other.json"
+    path.write_text(text)
+    with pytest.raises(gf.InvalidInputError, match="graspforce bench --save"):
+        bench.Run.load(path)
+    with pytest.raises(gf.InvalidInputError, match="cannot read"):
+        bench.Run.load(tmp_path / "missing.json")
+
+
+def test_the_picture_is_drawn(run, tmp_path):
+    path = tmp_path / "run.png"
+    plot.draw(run, path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_compares_with_a_run_before(tmp_path):
+    before, after = tmp_path / "before.json", tmp_path / "after.json"
+    command = [sys.executable, "-m", "graspforce", "bench", "--effort", "1"]
+    first = subprocess.run([*command, "--save", str(before)], capture_output=True, text=True)
+    assert first.returncode == 0, first.stderr
+    kept = json.loads(before.read_text())
+    for row in kept["rows"]:
+        row["p50"] *= 1e6
+    before.write_text(json.dumps(kept))
+    second = subprocess.run(
+        [*command, "--compare", str(before), "--save", str(after)], capture_output=True, text=True
+    )
+    assert second.returncode == 0, second.stderr
+    line = next(line for line in second.stdout.splitlines() if "servo.step" in line)
+    assert line.split()[-1] == "0.00"
+    missing = subprocess.run(
+        [*command, "--compare", str(tmp_path / "none.json")], capture_output=True, text=True
+    )
+    assert missing.returncode == 2
+    assert "none.json" in missing.stderr
