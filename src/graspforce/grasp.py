@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce._arrays import Array, as_array
@@ -14,7 +15,7 @@ from graspforce.grasp_map import grasp_map
 from graspforce.problem import ForceProblem
 
 if TYPE_CHECKING:
-    from graspforce.hands.hand import Hand
+    from graspforce.hands.hand import Actuation, Hand, Reading
 
 
 class Grasp:
@@ -29,10 +30,18 @@ class Grasp:
     Attributes:
         contacts: the contacts, a tuple.
         models: their models.
+        origin: the point about which the torque in f is taken, shape (3,) [m].
         W: grasp map, shape (6, m).
         J: hand Jacobian in contact frames, shape (m, n_joints); None without a hand.
         tau_lo: lower torque limits, shape (n_joints,) [N·m]; None without a hand.
         tau_hi: upper torque limits, likewise.
+        tau_bias: what the joints must give besides, likewise; 0 unless read from a robot.
+        joint_names: the n_joints joints; empty without a hand.
+        passive_rows: of an underactuated hand, the virtual work of c over the motions that no
+            motor moves, shape (k, m); k = 0 for others.
+        passive_loads: what that work has to be, shape (k,): 0 but for the fingers' own weight.
+        links: what makes each contact, where that was read from a robot; otherwise empty.
+        notes: what a reader of a robot found that its user should know.
 
     Raises:
         InvalidInputError: no contacts, a hand without q or the reverse, a wrong shape.
@@ -49,24 +58,122 @@ class Grasp:
             given, missing = ("q", "hand") if hand is None else ("hand", "q")
             raise InvalidInputError(f"{missing}: missing; {given} came without it")
         self.contacts = as_contacts(contacts)
-        self.W = grasp_map(self.contacts, origin)
+        self.origin = as_array(origin, "origin", (3,))
+        self.W = grasp_map(self.contacts, self.origin)
         self.models: tuple[ContactModel, ...] = tuple(each.model for each in self.contacts)
         self.J: Array | None = None
         self.tau_lo: Array | None = None
         self.tau_hi: Array | None = None
+        self.tau_bias: Array | None = None
+        self.joint_names: tuple[str, ...] = ()
+        self.passive_rows: Array = np.zeros((0, self.W.shape[1]))
+        self.passive_loads: Array = np.zeros(0)
+        self.links: tuple[str, ...] = ()
+        self.notes: tuple[str, ...] = ()
         if hand is not None and q is not None:
-            self.J = hand.jacobian(self.contacts, as_array(q, "q", (len(hand.joint_names),)))
-            self.tau_lo, self.tau_hi = hand.tau_lo, hand.tau_hi
+            from graspforce.hands.hand import actuation
+
+            self._take(actuation(hand, self.contacts, q))
+
+    @classmethod
+    def from_mujoco(
+        cls,
+        model: Any,
+        data: Any,
+        object_body: str | int,
+        fingertips: Sequence[str] | None = None,
+        tau_max: float | Mapping[str, float] | None = None,
+    ) -> Grasp:
+        """Read the grasp that a MuJoCo simulation is in.
+
+        Every active contact of the object with something that is not itself loose becomes a
+        contact: fingers, palm, table. Points, normals and J are in the world's axes, ``origin``
+        is the object's centre of mass, and ``tau_bias`` is what gravity, Coriolis forces and
+        springs take of the joints. Call it after ``mj_step`` or ``mj_forward``; it changes
+        neither model nor data.
+
+        Args:
+            model: the ``mujoco.MjModel``.
+            data: its ``mujoco.MjData``.
+            object_body: name or number of the object's body.
+            fingertips: bodies or sites that have to touch the object; by default any one.
+            tau_max: torque limits in place of the model's, both ways: one number for all, or by
+                name [N·m; N for slides and tendons].
+
+        Raises:
+            MissingExtraError: MuJoCo is not installed.
+            InvalidInputError: a name that is not there; an object that is fixed, or that no
+                finger touches: the text says which fingers lack contact.
+            ModelImportError: a joint or tendon with a motor but without a torque limit.
+        """
+        from graspforce.mujoco_grasp import read
+
+        return cls._of(read(model, data, object_body, fingertips, tau_max))
+
+    @classmethod
+    def from_pinocchio(
+        cls,
+        model: Any,
+        q: ArrayLike,
+        contacts: Sequence[Contact],
+        links: Sequence[str],
+        v: ArrayLike | None = None,
+        origin: ArrayLike = (0.0, 0.0, 0.0),
+        tau_max: float | Mapping[str, float] | None = None,
+    ) -> Grasp:
+        """Read a grasp from a Pinocchio model and a list of contacts.
+
+        ``tau_bias`` is what gravity and Coriolis forces take of the joints.
+
+        Args:
+            model: a ``pinocchio.Model``; a floating base is taken as held.
+            q: its configuration, shape (nq,).
+            contacts: n contacts, in the model's world.
+            links: the frame that makes each of them, by name; "universe" for what does not move.
+            v: joint velocities, shape (nv,); default 0.
+            origin: the point about which the torque in f is taken, shape (3,) [m].
+            tau_max: torque limits in place of the model's, both ways: one number for all, or by
+                name [N·m; N for prismatic joints].
+
+        Raises:
+            MissingExtraError: Pinocchio is not installed.
+            InvalidInputError: a wrong shape, a frame that is not there.
+            ModelImportError: no motor moves any of the links; a joint without a torque limit.
+        """
+        from graspforce.pinocchio_grasp import read
+
+        return cls._of(read(model, q, contacts, links, v, origin, tau_max))
+
+    @classmethod
+    def _of(cls, reading: Reading) -> Grasp:
+        grasp = cls(reading.contacts, origin=reading.origin)
+        grasp._take(reading.actuation)
+        grasp.links, grasp.notes = reading.links, reading.notes
+        return grasp
+
+    def _take(self, actuation: Actuation) -> None:
+        self.joint_names, self.J = actuation.joint_names, actuation.J
+        self.tau_lo, self.tau_hi = actuation.tau_lo, actuation.tau_hi
+        self.tau_bias = actuation.tau_bias
+        self.passive_rows, self.passive_loads = actuation.passive_rows, actuation.passive_loads
 
     def problem(self, f: ArrayLike, **options: Any) -> ForceProblem:
         """Return the problem of giving the object the wrench f with this grasp.
+
+        With an underactuated hand its W and f have ``passive_rows`` and ``passive_loads``
+        below the wrench.
 
         Args:
             f: wrench that the fingers exert on the object, shape (6,) [N, N·m].
             **options: any further argument of :class:`ForceProblem`: alpha, c_max, tau_bias, …
         """
         hand: dict[str, Any] = {"J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi}
-        return ForceProblem(W=self.W, f=f, models=self.models, **(hand | options))
+        hand["tau_bias"] = self.tau_bias
+        W, wanted = self.W, as_array(f, "f", (6,))
+        if len(self.passive_rows):
+            W = np.vstack((W, self.passive_rows))
+            wanted = np.concatenate((wanted, self.passive_loads))
+        return ForceProblem(W=W, f=wanted, models=self.models, **(hand | options))
 
     def __repr__(self) -> str:
         joints = 0 if self.J is None else self.J.shape[1]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from graspforce.hands.hand import Hand
+from graspforce.hands.hand import Hand, UnderactuatedHand
+from graspforce.hands.imported import ImportedHand
+from graspforce.hands.mjcf import from_mjcf
 from graspforce.hands.paper import PaperHand
+from graspforce.hands.urdf import from_urdf
 
-__all__ = ["Hand", "PaperHand"]
+__all__ = ["Hand", "ImportedHand", "PaperHand", "UnderactuatedHand", "from_mjcf", "from_urdf"]

@@ -1,10 +1,11 @@
-"""The protocol that every hand implements."""
+"""The protocols that hands implement, and what a hand brings into the force problem."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce._arrays import Array
@@ -36,6 +37,63 @@ class Hand(Protocol):
         Args:
             contacts: n contacts in the hand's frame; which finger makes which contact is the
                 hand's to say.
-            q: joint angles, shape (n_joints,) [rad].
+            q: joint angles, shape (n_joints,) [rad]; a hand some of whose joints no motor moves
+                by itself asks for those as well.
         """
         ...
+
+
+@runtime_checkable
+class UnderactuatedHand(Hand, Protocol):
+    """A hand that can move without a motor moving; the contacts must not load such motions."""
+
+    def passive_rows(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
+        """Return the k equations ``rows @ c = 0`` of the motions that no motor moves.
+
+        Each is the virtual work of c over one such motion: a joint that turns freely stays where
+        it is only while the contacts do no work on it.
+
+        Returns:
+            shape (k, m), k ≥ 0, of full row rank.
+        """
+        ...
+
+
+class Actuation(NamedTuple):
+    """What the joints of a hand at one posture bring into the force problem."""
+
+    joint_names: tuple[str, ...]
+    J: Array
+    """shape (m, n_joints): tau = J.T @ c (Eq. 2)."""
+    tau_lo: Array
+    tau_hi: Array
+    tau_bias: Array
+    """What the joints must give besides, shape (n_joints,) [N·m]."""
+    passive_rows: Array
+    """Virtual work of c over the motions that no motor moves, shape (k, m)."""
+    passive_loads: Array
+    """What it has to be, shape (k,): ``passive_rows @ c = passive_loads``."""
+
+
+class Reading(NamedTuple):
+    """A grasp as read from a robot, in the axes of its world."""
+
+    contacts: tuple[Contact, ...]
+    links: tuple[str, ...]
+    """What makes each contact."""
+    origin: Array
+    """The point about which torques are taken, shape (3,) [m]."""
+    actuation: Actuation
+    notes: tuple[str, ...]
+
+
+def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuation:
+    """Return what a hand brings into the force problem; the weight of its links is left out."""
+    J = hand.jacobian(contacts, q)
+    passive = np.zeros((0, J.shape[0]))
+    if isinstance(hand, UnderactuatedHand):
+        passive = hand.passive_rows(contacts, q)
+    return Actuation(
+        hand.joint_names, J, hand.tau_lo, hand.tau_hi, np.zeros(J.shape[1]),
+        passive, np.zeros(len(passive)),
+    )  # fmt: skip

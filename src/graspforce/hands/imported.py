@@ -1,0 +1,188 @@
+"""A hand read from a robot file: fingers and links by name, whatever library read the file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspforce._arrays import Array, as_array
+from graspforce.contact import Contact, as_contacts
+from graspforce.errors import InvalidInputError, ModelImportError
+from graspforce.hands.posture import Posture, full_jacobian, loaded_motions
+
+
+class Robot(Protocol):
+    """The kinematics that a library has read from a file."""
+
+    @property
+    def q_names(self) -> tuple[str, ...]:
+        """The joints whose angles make a posture."""
+        ...
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of everything that a contact can be on."""
+        ...
+
+    def posture(self, q: Array) -> Posture:
+        """Return the robot at the joint angles q, shape (len(q_names),) [rad]."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImportedHand:
+    """A hand that :func:`from_mjcf` or :func:`from_urdf` has read.
+
+    Attributes:
+        joint_names: the n_joints drives, in the order of tau and the columns of J: a joint with
+            a motor by its name, a tendon with a motor by the tendon's.
+        q_names: the joints whose angles q holds, in its order. The same names as joint_names,
+            unless a drive is a tendon or a joint has no motor. Mimic joints follow by themselves.
+        tau_lo: lower limits of the drives, shape (n_joints,) [N·m; N for slides and tendons].
+        tau_hi: upper limits, likewise.
+        fingers: for each finger the drives that move its fingertip.
+        fingertips: for each finger the link that is its fingertip.
+        made_by: the link that makes each contact; see :meth:`touching`.
+        notes: what the import found: limits that may be placeholders, motions that nothing
+            controls, joints that follow others, motors that were left out.
+        robot: the kinematics.
+    """
+
+    joint_names: tuple[str, ...]
+    q_names: tuple[str, ...]
+    tau_lo: Array
+    tau_hi: Array
+    fingers: Mapping[str, tuple[str, ...]]
+    fingertips: Mapping[str, str]
+    made_by: tuple[str, ...]
+    notes: tuple[str, ...]
+    robot: Robot
+
+    def touching(self, names: Sequence[str]) -> ImportedHand:
+        """Return the hand with its contacts made by the links ``names``, one name a contact.
+
+        Without this the i-th contact is made by the i-th finger's fingertip.
+
+        Args:
+            names: fingers, or any other links: several contacts on a finger repeat its name, a
+                contact with the palm has the palm's (nothing moves it: its rows of J are 0).
+
+        Raises:
+            InvalidInputError: neither a finger nor a link of the file.
+        """
+        return replace(self, made_by=tuple(self._link(name) for name in names))
+
+    def fingertip_positions(self, q: ArrayLike) -> Array:
+        """Return the origins of the fingertips' links, shape (n_fingers, 3) [m], at q."""
+        posture = self._posture(q)
+        return np.array([posture.position(link) for link in self.fingertips.values()])
+
+    def jacobian(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
+        """Return J, shape (m, n_joints), in the contact frames: tau = J.T @ c (Eq. 2).
+
+        Args:
+            contacts: one for each of ``made_by``, in the frame of the file's world (MJCF) or of
+                its root link (URDF). Nothing here knows the shape of the links, so a contact
+                that is not on the link that is to make it cannot be found out.
+            q: angles of the joints ``q_names``, shape (len(q_names),) [rad, m].
+
+        Raises:
+            InvalidInputError: another number of contacts or angles.
+        """
+        posture = self._posture(q)
+        return self._full(contacts, posture) @ posture.transmission.driven
+
+    def passive_rows(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
+        """Return the equations ``rows @ c = 0`` of the motions that no drive takes part in.
+
+        Returns:
+            shape (k, m): the virtual work of c over each such motion that c can load.
+        """
+        posture = self._posture(q)
+        full = self._full(contacts, posture)
+        return (full @ loaded_motions(full, posture.transmission.free)).T
+
+    def _full(self, contacts: Sequence[Contact], posture: Posture) -> Array:
+        contacts = as_contacts(contacts)
+        if len(contacts) != len(self.made_by):
+            raise InvalidInputError(
+                f"contacts: got {len(contacts)}, expected {len(self.made_by)}, made by "
+                f"{', '.join(self.made_by)}; hand.touching(…) names others"
+            )
+        twists = [
+            posture.twist(link, contact.point)
+            for contact, link in zip(contacts, self.made_by, strict=True)
+        ]
+        return full_jacobian(contacts, twists)
+
+    def _posture(self, q: ArrayLike) -> Posture:
+        return self.robot.posture(as_array(q, "q", (len(self.q_names),)))
+
+    def _link(self, name: str) -> str:
+        if name in self.fingertips:
+            return self.fingertips[name]
+        return as_link(name, "names", self.robot.links)
+
+
+def as_link(name: str, argument: str, links: Sequence[str]) -> str:
+    """Return a link's name, which has to be one of ``links``.
+
+    Raises:
+        InvalidInputError: it is not; the text lists those that there are.
+    """
+    if name not in links:
+        raise InvalidInputError(
+            f"{argument}: got {name!r}, which the model does not have; expected one of "
+            f"{', '.join(links)}"
+        )
+    return name
+
+
+def as_fingertips(
+    fingertips: Sequence[str] | Mapping[str, str], links: Sequence[str]
+) -> dict[str, str]:
+    """Return each finger's fingertip; fingers without a name have their fingertip's.
+
+    Raises:
+        InvalidInputError: none, one twice, or one that is no link; the text lists the links.
+    """
+    if isinstance(fingertips, str) or not fingertips:
+        raise InvalidInputError(
+            f"fingertips: got {fingertips!r}, expected names of at least one link, as a list or "
+            f"a mapping from the fingers' names"
+        )
+    if not isinstance(fingertips, Mapping):
+        twice = {name for name in fingertips if list(fingertips).count(name) > 1}
+        if twice:
+            raise InvalidInputError(
+                f"fingertips: got {min(twice)!r} twice, expected each finger once; "
+                f"hand.touching(…) says that a finger makes several contacts"
+            )
+        fingertips = {name: name for name in fingertips}
+    return {finger: as_link(link, "fingertips", links) for finger, link in fingertips.items()}
+
+
+def fingers_of(
+    posture: Posture, fingertips: Mapping[str, str], joint_names: Sequence[str]
+) -> dict[str, tuple[str, ...]]:
+    """Return the drives that move each finger's fingertip.
+
+    Raises:
+        ModelImportError: nothing moves one of them.
+    """
+    fingers: dict[str, tuple[str, ...]] = {}
+    driven = np.abs(posture.transmission.driven)
+    for finger, link in fingertips.items():
+        moves = np.abs(posture.twist(link, None)) @ driven  # no cancelling: not by chance 0
+        fingers[finger] = tuple(
+            name for name, column in zip(joint_names, moves.T, strict=True) if column.any()
+        )
+        if not fingers[finger]:
+            raise ModelImportError(
+                f"finger {finger!r} has no actuated joint: no motor moves {link!r}"
+            )
+    return fingers

@@ -1,0 +1,97 @@
+"""Torque limits of imported robots: from the file, or given by the user; never just believed.
+
+A file's limit may be the motor's, or a number that its author put there because the format asks
+for one (15 or 1000 N·m on a finger joint that gives 0.7). Nobody can tell from the file alone, so
+implausible ones are reported and used, missing ones are refused, and what the user gives wins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from graspforce._arrays import Array, as_positive
+from graspforce.errors import InvalidInputError, ModelImportError
+
+# From here on a limit is reported. No finger joint gives 10 N·m; a leg's does, and its user can
+# say so with tau_max. A gripper's slide or a tendon may well pull with 100 N.
+IMPLAUSIBLE = {"N·m": 10.0, "N": 1000.0}
+
+
+class DriveLimit(NamedTuple):
+    """A drive and the file's limits; infinite where the file has none, 0 and 0 where no motor."""
+
+    name: str
+    unit: str
+    lo: float
+    hi: float
+
+
+class Limits(NamedTuple):
+    """What holds for the drives."""
+
+    lo: Array
+    """shape (n_drives,) [N·m, N]."""
+    hi: Array
+    reports: tuple[str, ...]
+    """What a user should doubt, a sentence each."""
+
+
+def as_tau_max(
+    tau_max: float | Mapping[str, float] | None, names: Sequence[str]
+) -> dict[str, float]:
+    """Return the limits that the user gives, by name; one number stands for all.
+
+    Raises:
+        InvalidInputError: a limit that is not positive, or for a name that is not there.
+    """
+    if tau_max is None:
+        return {}
+    if not isinstance(tau_max, Mapping):
+        size = as_positive(tau_max, "tau_max", "N·m")
+        return dict.fromkeys(names, size)
+    unknown = [name for name in tau_max if name not in names]
+    if unknown:
+        raise InvalidInputError(
+            f"tau_max: got a limit for {unknown[0]!r}, expected one of {', '.join(names)}"
+        )
+    return {name: as_positive(each, f"tau_max[{name!r}]") for name, each in tau_max.items()}
+
+
+def has_motor(drive: DriveLimit, given: Mapping[str, float]) -> bool:
+    """Return whether a drive can push at all, by the file or by what the user says."""
+    return drive.name in given or drive.lo < drive.hi
+
+
+def limits(drives: Sequence[DriveLimit], given: Mapping[str, float]) -> Limits:
+    """Return the torque limits that hold: the user's, else the file's.
+
+    Raises:
+        ModelImportError: neither the file nor the user gives a limit.
+    """
+    missing = [
+        each.name
+        for each in drives
+        if each.name not in given and not (np.isfinite(each.lo) and np.isfinite(each.hi))
+    ]
+    if missing:
+        raise ModelImportError(
+            f"the model has no torque limit for {', '.join(missing)}: give tau_max, one number "
+            f"for all joints or a mapping from names [N·m]"
+        )
+    doubted: dict[str, list[str]] = {}
+    for each in drives:
+        size = max(-each.lo, each.hi)
+        if each.name not in given and size >= IMPLAUSIBLE[each.unit]:
+            doubted.setdefault(f"{size:g} {each.unit}", []).append(each.name)
+    return Limits(
+        np.array([-given[each.name] if each.name in given else each.lo for each in drives]),
+        np.array([given.get(each.name, each.hi) for each in drives]),
+        tuple(
+            f"the file's limit of {size} for {', '.join(names)} may be a placeholder; give "
+            f"tau_max if it is not the motor's"
+            for size, names in doubted.items()
+        ),
+    )

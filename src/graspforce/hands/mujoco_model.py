@@ -1,0 +1,239 @@
+"""What a MuJoCo model says of drives, limits and couplings, and a posture's kinematics.
+
+A drive is a joint or a tendon with motors. Motors on sites, bodies, sliders and cranks, or on
+ball joints have no single torque to limit and are left out, by name. The base of a free-floating
+robot is taken as held: its six free degrees of freedom are in nobody's Jacobian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._arrays import Array
+from graspforce.errors import InvalidInputError, MissingExtraError
+from graspforce.hands.limits import DriveLimit
+from graspforce.hands.transmission import Transmission, connected_dofs, transmission
+
+
+def mujoco_module() -> Any:
+    """Return MuJoCo, which has no types of its own.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        import mujoco  # pyright: ignore[reportMissingTypeStubs]
+    except ImportError as error:
+        raise MissingExtraError("reading MuJoCo models", "mujoco", "mujoco") from error
+    module: Any = mujoco
+    return module
+
+
+class Drive(NamedTuple):
+    """A joint or tendon with motors."""
+
+    limit: DriveLimit
+    actuator: int
+    """One of its motors, whose moment arms over ``gear`` are the drive's."""
+    gear: float
+
+
+def drives(model: Any) -> tuple[list[Drive], list[str]]:
+    """Return the drives of a model with their limits, and notes on motors that are none."""
+    mj = mujoco_module()
+    joint_types = (int(mj.mjtTrn.mjTRN_JOINT), int(mj.mjtTrn.mjTRN_JOINTINPARENT))
+    tendon_type = int(mj.mjtTrn.mjTRN_TENDON)
+    hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
+    found: dict[tuple[bool, int], Drive] = {}
+    notes: list[str] = []
+    for motor in range(model.nu):
+        kind, target = int(model.actuator_trntype[motor]), int(model.actuator_trnid[motor, 0])
+        gear = float(model.actuator_gear[motor, 0])
+        at_tendon = kind == tendon_type
+        at_joint = kind in joint_types and int(model.jnt_type[target]) in (hinge, slide)
+        if not gear or not (at_tendon or at_joint):
+            name = name_of(model, mj.mjtObj.mjOBJ_ACTUATOR, motor)
+            notes.append(f"motor {name!r} is left out: it drives neither a joint nor a tendon")
+            continue
+        low, high = sorted(gear * side for side in _motor_range(mj, model, motor))
+        if (at_tendon, target) in found:  # motors side by side add up
+            other = found[at_tendon, target]
+            limit = other.limit._replace(lo=other.limit.lo + low, hi=other.limit.hi + high)
+            found[at_tendon, target] = other._replace(limit=limit)
+            continue
+        kind_of_object = mj.mjtObj.mjOBJ_TENDON if at_tendon else mj.mjtObj.mjOBJ_JOINT
+        unit = "N·m" if at_joint and int(model.jnt_type[target]) == hinge else "N"
+        limit = DriveLimit(name_of(model, kind_of_object, target), unit, low, high)
+        found[at_tendon, target] = Drive(limit, motor, gear)
+    for (at_tendon, target), drive in found.items():
+        which = "tendon" if at_tendon else "jnt"
+        if getattr(model, f"{which}_actfrclimited")[target]:
+            low, high = getattr(model, f"{which}_actfrcrange")[target]
+            limit = drive.limit._replace(
+                lo=max(drive.limit.lo, float(low)), hi=min(drive.limit.hi, float(high))
+            )
+            found[at_tendon, target] = drive._replace(limit=limit)
+    return list(found.values()), notes
+
+
+def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
+    """Return the range of a motor's force before its gear, infinite where there is none."""
+    low, high = -np.inf, np.inf
+    if model.actuator_forcelimited[motor]:
+        low, high = model.actuator_forcerange[motor]
+    filters = (mj.mjtDyn.mjDYN_NONE, mj.mjtDyn.mjDYN_FILTER, mj.mjtDyn.mjDYN_FILTEREXACT)
+    force_is_gain_times_control = (
+        model.actuator_gaintype[motor] == int(mj.mjtGain.mjGAIN_FIXED)
+        and model.actuator_biastype[motor] == int(mj.mjtBias.mjBIAS_NONE)
+        and model.actuator_dyntype[motor] in [int(each) for each in filters]
+    )
+    if force_is_gain_times_control and model.actuator_ctrllimited[motor]:
+        ends = sorted(model.actuator_gainprm[motor, 0] * model.actuator_ctrlrange[motor])
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return float(low), float(high)
+
+
+def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
+    """Return the drives' motions by joint motion, shape (n_drives, nv), at data's posture."""
+    mj = mujoco_module()
+    moments = np.zeros((model.nu, model.nv))
+    if model.nu:
+        mj.mju_sparse2dense(
+            moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
+            data.moment_colind,
+        )  # fmt: skip
+    return np.array([moments[drive.actuator] / drive.gear for drive in each]).reshape(-1, model.nv)
+
+
+def coupling_rows(model: Any, data: Any) -> Array:
+    """Return the gradients of the active equality constraints between joints, shape (p, nv).
+
+    Those that hold a free body (the mount of a hand, an object) are left out.
+    """
+    mj = mujoco_module()
+    rows = np.zeros((data.nefc, model.nv))
+    if data.nefc and mj.mj_isSparse(model):
+        mj.mju_sparse2dense(
+            rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
+        )
+    elif data.nefc:
+        rows = np.array(data.efc_J, dtype=float).reshape(data.nefc, model.nv)
+    rows = rows[data.efc_type == int(mj.mjtConstraint.mjCNSTR_EQUALITY)]
+    return rows[~rows[:, _held(model)].any(axis=1)]
+
+
+def _held(model: Any) -> NDArray[np.bool_]:
+    free = model.jnt_type == int(mujoco_module().mjtJoint.mjJNT_FREE)
+    held: NDArray[np.bool_] = free[model.dof_jntid]
+    return held
+
+
+def dofs_above(model: Any, body: int) -> NDArray[np.bool_]:
+    """Return which degrees of freedom move a body, shape (nv,); not a free joint's."""
+    moving = np.zeros(model.nv, dtype=bool)
+    while body:
+        first = int(model.body_dofadr[body])
+        moving[first : first + int(model.body_dofnum[body])] = True
+        body = int(model.body_parentid[body])
+    return moving & ~_held(model)
+
+
+def is_loose(model: Any, body: int, moments: Array) -> bool:
+    """Return whether a body floats freely and belongs to no robot, like an object on a table.
+
+    Args:
+        model: the model.
+        body: the body's number.
+        moments: the drives' motions by joint motion, shape (n_drives, nv); the trees that they
+            move are robots, whose floating bases are taken as held.
+    """
+    root = model.body_rootid[body]
+    same_tree = model.body_rootid[model.dof_bodyid] == root
+    return bool(_held(model)[same_tree].any() and not moments[:, same_tree].any())
+
+
+class MujocoPosture:
+    """A model at the posture for which ``data`` holds positions, moment arms and constraints."""
+
+    def __init__(
+        self, model: Any, data: Any, bodies: Iterable[int], candidates: Sequence[Drive]
+    ) -> None:
+        """Find what moves ``bodies`` and which of the candidate drives take part in it."""
+        moments, couplings = drive_rows(model, data, candidates), coupling_rows(model, data)
+        moving = np.any([dofs_above(model, body) for body in bodies], axis=0)
+        self.dofs = connected_dofs(moving, np.vstack((moments, couplings)))
+        moments = moments[:, self.dofs]
+        # In the order of the joints, whatever that of the motors is.
+        taking_part = [i for i, row in enumerate(moments) if row.any()]
+        taking_part.sort(key=lambda i: int(np.flatnonzero(moments[i])[0]))
+        self.drives: list[Drive] = [candidates[i] for i in taking_part]
+        self.transmission: Transmission = transmission(
+            moments[taking_part], couplings[:, self.dofs]
+        )
+        self._model, self._data = model, data
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """The joints of the degrees of freedom that ``transmission`` speaks of."""
+        mj = mujoco_module()
+        return tuple(
+            name_of(self._model, mj.mjtObj.mjOBJ_JOINT, int(self._model.dof_jntid[dof]))
+            for dof in self.dofs
+        )
+
+    def body_twist(self, body: int, point: Array) -> Array:
+        """Return a body's velocity at a point by each joint's, shape (6, n_dofs)."""
+        twist = np.zeros((6, self._model.nv))
+        mujoco_module().mj_jac(
+            self._model, self._data, twist[:3], twist[3:], point.reshape(3, 1), body
+        )
+        return twist[:, self.dofs]
+
+    def twist(self, link: str, point: Array | None) -> Array:
+        """Return the velocity of a body or site by each joint's, shape (6, n_dofs)."""
+        at = self.position(link) if point is None else point
+        return self.body_twist(body_of(self._model, link), at)
+
+    def position(self, link: str) -> Array:
+        """Return the origin of a body or site, shape (3,) [m]."""
+        kind, index = find_link(self._model, link)
+        origins = self._data.xpos if kind == "body" else self._data.site_xpos
+        return np.array(origins[index])
+
+
+def links_of(model: Any) -> tuple[str, ...]:
+    """Return the names of all bodies and sites."""
+    mj = mujoco_module()
+    names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
+    names += [mj.mj_id2name(model, mj.mjtObj.mjOBJ_SITE, i) for i in range(model.nsite)]
+    return tuple(dict.fromkeys(name for name in names if name))
+
+
+def find_link(model: Any, link: str) -> tuple[str, int]:
+    """Return ("body", id) or ("site", id) of a name; a body's goes before a site's.
+
+    Raises:
+        InvalidInputError: no body or site has that name.
+    """
+    mj = mujoco_module()
+    for kind, which in (("body", mj.mjtObj.mjOBJ_BODY), ("site", mj.mjtObj.mjOBJ_SITE)):
+        index = int(mj.mj_name2id(model, which, link))
+        if index >= 0:
+            return kind, index
+    raise InvalidInputError(f"got {link!r}, expected the name of a body or site")
+
+
+def body_of(model: Any, link: str) -> int:
+    """Return the body that is, or carries the site that is, called ``link``."""
+    kind, index = find_link(model, link)
+    return index if kind == "body" else int(model.site_bodyid[index])
+
+
+def name_of(model: Any, kind: Any, index: int) -> str:
+    """Return an object's name, or its kind and number where it has none."""
+    name = mujoco_module().mj_id2name(model, kind, index)
+    return str(name) if name else f"{str(kind.name).removeprefix('mjOBJ_').lower()} {index}"

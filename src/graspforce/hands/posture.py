@@ -1,0 +1,188 @@
+"""A robot at one posture: what moves it, within which limits, and what nothing controls."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from graspforce._arrays import Array
+from graspforce.contact import FPC, SFC, Contact
+from graspforce.hands.hand import Actuation
+from graspforce.hands.limits import DriveLimit, as_tau_max, has_motor, limits
+from graspforce.hands.transmission import RANK_TOLERANCE, Transmission
+
+
+class HasLimit(Protocol):
+    """A drive, whatever else its library has to remember of it."""
+
+    @property
+    def limit(self) -> DriveLimit:
+        """Its name and the file's limits."""
+        ...
+
+
+class Posture(Protocol):
+    """A robot at one posture."""
+
+    @property
+    def drives(self) -> Sequence[HasLimit]:
+        """The drives that move the robot."""
+        ...
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """The joints of the degrees of freedom that ``transmission`` speaks of."""
+        ...
+
+    @property
+    def transmission(self) -> Transmission:
+        """How the drives move the joints there; columns in the order of the drives."""
+        ...
+
+    def twist(self, link: str, point: Array | None) -> Array:
+        """Return a link's velocity by each joint's, at ``point`` or at the link's own origin.
+
+        Returns:
+            shape (6, n_dofs): [linear; angular], axes of the hand's frame.
+        """
+        ...
+
+    def position(self, link: str) -> Array:
+        """Return a link's origin, shape (3,) [m], in the hand's frame."""
+        ...
+
+
+P = TypeVar("P", bound=Posture)
+
+
+class Actuated(NamedTuple, Generic[P]):
+    """A posture with the drives that have motors, and the limits that hold for them."""
+
+    posture: P
+    joint_names: tuple[str, ...]
+    tau_lo: Array
+    tau_hi: Array
+    doubts: tuple[str, ...]
+    """What should not be believed silently, a sentence each."""
+    notes: tuple[str, ...]
+    """What else there is to know."""
+
+    def actuation(self, full: Array, bias: Array) -> Actuation:
+        """Return what the joints bring into the force problem.
+
+        Args:
+            full: Jacobian over all joints in the contact frames, shape (m, n_dofs).
+            bias: what all joints must give besides, shape (n_dofs,).
+        """
+        driven, free = self.posture.transmission
+        loaded = loaded_motions(full, free)
+        return Actuation(
+            self.joint_names, full @ driven, self.tau_lo, self.tau_hi, driven.T @ bias,
+            (full @ loaded).T, -loaded.T @ bias,
+        )  # fmt: skip
+
+
+def actuate(
+    posture_with: Callable[[Sequence[Any]], P],
+    candidates: Sequence[HasLimit],
+    tau_max: float | Mapping[str, float] | None,
+) -> Actuated[P]:
+    """Choose the drives that have motors and settle their limits.
+
+    Raises:
+        InvalidInputError: ``tau_max`` is wrong or names what is not there.
+        ModelImportError: a drive without a limit.
+    """
+    mentioned = posture_with(candidates).drives
+    given = as_tau_max(tau_max, [each.limit.name for each in mentioned])
+    kept = [each for each in mentioned if has_motor(each.limit, given)]
+    posture = posture_with(kept)
+    allowed = limits([each.limit for each in kept], given)
+    notes = [
+        f"the file gives {each.limit.name!r} no torque at all: taken as without a motor"
+        for each in mentioned
+        if each not in kept
+    ]
+    return Actuated(
+        posture, tuple(each.limit.name for each in kept), allowed.lo, allowed.hi,
+        (*allowed.reports, *_uncontrolled(posture)), (*notes, *_coupling_notes(posture)),
+    )  # fmt: skip
+
+
+def warn(doubts: Sequence[str], stacklevel: int) -> None:
+    """Warn of what a user should not overlook, from where ``stacklevel`` says."""
+    for doubt in doubts:
+        warnings.warn(doubt, UserWarning, stacklevel=stacklevel + 1)
+
+
+def full_jacobian(contacts: Sequence[Contact], twists: Iterable[Array]) -> Array:
+    """Return the Jacobian over all joints in the contact frames, shape (m, n_dofs).
+
+    Args:
+        contacts: n contacts; FPC has the normal row, PCWF those of normal, x and y, SFC torsion
+            besides.
+        twists: for each, the velocity of its link at the contact point, shape (6, n_dofs).
+    """
+    blocks: list[Array] = []
+    for contact, twist in zip(contacts, twists, strict=True):
+        frame = contact.frame
+        blocks.append((frame[:, :1] if isinstance(contact.model, FPC) else frame).T @ twist[:3])
+        if isinstance(contact.model, SFC):
+            blocks.append(frame[:, :1].T @ twist[3:])
+    return np.vstack(blocks)
+
+
+def loaded_motions(full: Array, free: Array) -> Array:
+    """Return the free motions that contacts can load, shape (n_dofs, k): orthonormal columns.
+
+    Args:
+        full: Jacobian over all joints, shape (m, n_dofs).
+        free: the motions that no drive takes part in, shape (n_dofs, at least k).
+    """
+    left, sizes, _ = np.linalg.svd((full @ free).T, full_matrices=False)
+    scale = np.abs(full).max(initial=0.0)
+    return free @ left[:, sizes > RANK_TOLERANCE * scale]
+
+
+def _coupling_notes(posture: Posture) -> list[str]:
+    """Say which joints a drive moves besides its own, a sentence each."""
+    notes: list[str] = []
+    for column, drive in enumerate(each.limit.name for each in posture.drives):
+        ratios = posture.transmission.driven[:, column]
+        others = [
+            f"{name!r} by {ratio:.4g}"
+            for name, ratio in zip(posture.dof_names, ratios, strict=True)
+            if ratio and name != drive
+        ]
+        if others:
+            notes.append(f"{drive!r} also moves {', '.join(others)} per unit of its own motion")
+    return notes
+
+
+def _uncontrolled(posture: Posture) -> list[str]:
+    """Say which motions no drive takes part in, a sentence for each set of joints."""
+    dof_names = posture.dof_names
+    projector = posture.transmission.free @ posture.transmission.free.T
+    together = np.abs(projector) > 1e-9
+    left = [i for i in range(len(dof_names)) if together[i, i]]
+    sentences: list[str] = []
+    while left:
+        group = {left[0]}
+        while True:
+            wider = {j for i in group for j in np.flatnonzero(together[i]).tolist()}
+            if wider <= group:
+                break
+            group |= wider
+        left = [i for i in left if i not in group]
+        members = sorted(group)
+        names = ", ".join(repr(dof_names[i]) for i in members)
+        count = round(float(np.trace(projector[np.ix_(members, members)])))
+        what = names if count == len(members) else f"{count} of {len(members)} motions of {names}"
+        sentences.append(
+            f"no motor controls {what}: contact forces are to leave that unloaded, as far as the "
+            f"equations in passive_rows can make them"
+        )
+    return sentences

@@ -1,0 +1,182 @@
+"""The grasp that a MuJoCo simulation is in: contacts, Jacobian, bias torques, limits.
+
+Everything is read from where ``mj_step`` or ``mj_forward`` has left it, hence all of one moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from graspforce._arrays import Array
+from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
+from graspforce.errors import InvalidInputError
+from graspforce.hands.hand import Reading
+from graspforce.hands.imported import as_link
+from graspforce.hands.mujoco_model import (
+    Drive,
+    MujocoPosture,
+    body_of,
+    dofs_above,
+    drive_rows,
+    drives,
+    is_loose,
+    links_of,
+    mujoco_module,
+    name_of,
+)
+from graspforce.hands.posture import actuate, full_jacobian, warn
+
+
+def read(
+    model: Any,
+    data: Any,
+    object_body: str | int,
+    fingertips: Sequence[str] | None,
+    tau_max: float | Mapping[str, float] | None,
+) -> Reading:
+    """Return the grasp; see :meth:`graspforce.Grasp.from_mujoco`.
+
+    Raises:
+        MissingExtraError: MuJoCo is not installed.
+        InvalidInputError: a name that is not there; an object that is fixed or not held.
+        ModelImportError: a drive without a torque limit.
+    """
+    mj = mujoco_module()
+    held = _object(model, object_body)
+    name = name_of(model, mj.mjtObj.mjOBJ_BODY, held)
+    candidates, motor_notes = drives(model)
+    moments = drive_rows(model, data, candidates)
+    contacts, bodies, contact_notes = _contacts(model, data, held, moments)
+    _require_fingers(model, name, bodies, moments, fingertips)
+
+    def posture_with(drives: Sequence[Drive]) -> MujocoPosture:
+        return MujocoPosture(model, data, bodies, drives)
+
+    hand = actuate(posture_with, candidates, tau_max)
+    twists = [
+        hand.posture.body_twist(body, contact.point)
+        for contact, body in zip(contacts, bodies, strict=True)
+    ]
+    doubts = (*contact_notes, *hand.doubts)
+    warn(doubts, stacklevel=3)
+    return Reading(
+        tuple(contacts),
+        tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in bodies),
+        np.array(data.xipos[held]),
+        hand.actuation(full_jacobian(contacts, twists), _bias(model, data)[hand.posture.dofs]),
+        (*doubts, *hand.notes, *motor_notes),
+    )
+
+
+def _object(model: Any, object_body: str | int) -> int:
+    """Return the number of the object's body, which has to be able to move."""
+    mj = mujoco_module()
+    if isinstance(object_body, str):
+        names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
+        as_link(object_body, "object_body", [name for name in names if name])
+        body = names.index(object_body)
+    else:
+        body = int(object_body)
+        if not 0 <= body < model.nbody:
+            raise InvalidInputError(
+                f"object_body: got {body}, expected a body's name or its number below {model.nbody}"
+            )
+    if not model.body_weldid[body]:
+        raise InvalidInputError(
+            f"object_body: {object_body!r} is fixed to the world, expected a body that can move"
+        )
+    return body
+
+
+def _contacts(
+    model: Any, data: Any, held: int, moments: Array
+) -> tuple[list[Contact], list[int], list[str]]:
+    """Return the object's active contacts, the body that makes each, and what was left out."""
+    mj = mujoco_module()
+    seen = data.contact
+    geoms = np.array(seen.geom)
+    rigid = model.body_weldid[model.geom_bodyid[geoms]] == model.body_weldid[held]
+    rigid &= geoms >= 0  # −1 is a deformable body
+    contacts: list[Contact] = []
+    bodies: list[int] = []
+    notes: list[str] = []
+    for i in np.flatnonzero((rigid.sum(axis=1) == 1) & (np.array(seen.exclude) == 0)):
+        second = bool(rigid[i, 1])
+        other = int(geoms[i, 0 if second else 1])
+        if other < 0:
+            notes.append("a contact with a deformable body is left out")
+            continue
+        body = int(model.geom_bodyid[other])
+        if is_loose(model, body, moments):
+            name = name_of(model, mj.mjtObj.mjOBJ_BODY, body)
+            notes.append(f"the contact with {name!r} is left out: that body is loose itself")
+            continue
+        # MuJoCo's normal points from the first geom to the second.
+        frame = np.array(seen.frame[i]).reshape(3, 3)
+        model_of_contact = _friction(int(seen.dim[i]), seen.friction[i])
+        normal = frame[0] if second else -frame[0]
+        contacts.append(Contact(seen.pos[i], normal, model_of_contact, frame[1]))
+        bodies.append(body)
+    return contacts, bodies, list(dict.fromkeys(notes))
+
+
+def _friction(dim: int, friction: Array) -> ContactModel:
+    """Return the contact model that lies within MuJoCo's cone.
+
+    MuJoCo's least coefficient, which it puts in place of 0, is no friction. Of two tangential
+    coefficients the smaller counts; rolling friction (dim 6) is not used.
+    """
+    least = float(mujoco_module().mjMINMU)
+    mu, gamma = float(min(friction[:2])), float(friction[2])
+    if dim == 1 or mu <= least:
+        return FPC()
+    if dim == 3 or gamma <= least:
+        return PCWF(mu)
+    return SFC(mu, gamma)
+
+
+def _bias(model: Any, data: Any) -> Array:
+    """Return what the joints must give before they push, shape (nv,).
+
+    Gravity and Coriolis forces less what springs, fluid and gravity compensation contribute.
+    Joint damping is not fed forward: it is there to damp.
+    """
+    passive = data.qfrc_passive - data.qfrc_damper
+    by_motor = data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
+    return np.array(data.qfrc_bias - passive - by_motor)
+
+
+def _require_fingers(
+    model: Any,
+    name: str,
+    bodies: Sequence[int],
+    moments: Array,
+    fingertips: Sequence[str] | None,
+) -> None:
+    """Raise unless the fingers that have to touch the object do."""
+    if fingertips is not None:
+        links = links_of(model)
+        touching = {int(model.body_weldid[body]) for body in bodies}
+        tips = {tip: body_of(model, as_link(tip, "fingertips", links)) for tip in fingertips}
+        absent = [tip for tip, body in tips.items() if int(model.body_weldid[body]) not in touching]
+        if absent:
+            raise InvalidInputError(
+                f"data: {', '.join(absent)} of the fingertips {', '.join(tips)} not in contact "
+                f"with {name!r}"
+            )
+    driven = moments.any(axis=0)
+    if not any((dofs_above(model, body) & driven).any() for body in bodies):
+        mj = mujoco_module()
+        tips = [
+            name_of(model, mj.mjtObj.mjOBJ_BODY, body)
+            for body in range(1, model.nbody)
+            if (dofs_above(model, body) & driven).any() and body not in model.body_parentid
+        ]
+        raise InvalidInputError(
+            f"data: no finger is in contact with {name!r}; expected contact with some of "
+            f"{', '.join(tips) or 'the bodies that motors move, of which there are none'} "
+            f"after mj_step or mj_forward"
+        )

@@ -1,0 +1,74 @@
+"""A grasp from a Pinocchio model and a list of contacts: Jacobian, bias torques, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspforce._arrays import as_array
+from graspforce.contact import Contact, as_contacts
+from graspforce.errors import InvalidInputError, ModelImportError
+from graspforce.hands.hand import Reading
+from graspforce.hands.imported import as_link
+from graspforce.hands.pinocchio_model import (
+    JointDrive,
+    PinocchioPosture,
+    frames_of,
+    joint_drives,
+    pinocchio_module,
+)
+from graspforce.hands.posture import actuate, full_jacobian, warn
+
+
+def read(
+    model: Any,
+    q: ArrayLike,
+    contacts: Sequence[Contact],
+    links: Sequence[str],
+    v: ArrayLike | None,
+    origin: ArrayLike,
+    tau_max: float | Mapping[str, float] | None,
+) -> Reading:
+    """Return the grasp; see :meth:`graspforce.Grasp.from_pinocchio`.
+
+    Raises:
+        MissingExtraError: Pinocchio is not installed.
+        InvalidInputError: a wrong shape, a frame that is not there.
+        ModelImportError: no motor moves any of the links; a joint without a torque limit.
+    """
+    pin = pinocchio_module()
+    if not isinstance(model, pin.Model):
+        raise InvalidInputError(f"model: got a {type(model).__name__}, expected a pinocchio.Model")
+    configuration = as_array(q, "q", (int(model.nq),))
+    velocity = np.zeros(model.nv) if v is None else as_array(v, "v", (int(model.nv),))
+    contacts = as_contacts(contacts)
+    if isinstance(links, str) or len(links) != len(contacts):
+        raise InvalidInputError(
+            f"links: got {links!r}, expected {len(contacts)} names, one a contact"
+        )
+    frames = tuple(frames_of(model))
+    made_by = tuple(as_link(link, "links", frames) for link in links)
+    couplings = np.zeros((0, int(model.nv)))  # a model's mimic joints are no dofs of their own
+
+    def posture_with(drives: Sequence[JointDrive]) -> PinocchioPosture:
+        return PinocchioPosture(model, configuration, made_by, drives, couplings)
+
+    hand = actuate(posture_with, joint_drives(model), tau_max)
+    if not hand.joint_names:
+        raise ModelImportError(f"no motor moves any of the links {', '.join(made_by)}")
+    twists = [
+        hand.posture.twist(link, contact.point)
+        for contact, link in zip(contacts, made_by, strict=True)
+    ]
+    bias = np.array(pin.nonLinearEffects(model, model.createData(), configuration, velocity))
+    warn(hand.doubts, stacklevel=3)
+    return Reading(
+        contacts,
+        made_by,
+        as_array(origin, "origin", (3,)),
+        hand.actuation(full_jacobian(contacts, twists), bias[hand.posture.dofs]),
+        (*hand.doubts, *hand.notes),
+    )

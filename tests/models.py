@@ -1,0 +1,68 @@
+"""Robots and scenes for the import tests, as text: nobody's model files."""
+
+from __future__ import annotations
+
+
+def paper_hand_xml(
+    base_axis="radial", *, joint="", actuators=None, world="", extra="", tip="", options=""
+):
+    """The paper's hand in primitives, its joints in PaperHand's order and sense.
+
+    Args:
+        base_axis: which of PaperHand's two readings.
+        joint: attributes of every joint.
+        actuators: the content of <actuator>; default a motor of ±0.5 N·m at every joint.
+        world: more bodies in the world.
+        extra: more sections.
+        tip: attributes of the fingertips' geoms.
+        options: attributes of <option>.
+    """
+    radial = [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)]
+    across = [(0, 1, 0), (-1, 0, 0), (0, -1, 0), (1, 0, 0)]
+
+    def text(vector):
+        return " ".join(f"{each:g}" for each in vector)
+
+    fingers = ""
+    for i, (r, a) in enumerate(zip(radial, across, strict=True), 1):
+        first, bend = ((0, 0, 1) if base_axis == "palm_normal" else r), a
+        fingers += f"""
+      <body name="f{i}_base" pos="{text([0.05 * each for each in r])}">
+        <joint name="finger{i}_base" axis="{text(first)}" {joint}/>
+        <inertial pos="0 0 0" mass=".001" diaginertia="1e-6 1e-6 1e-6"/>
+        <body name="f{i}_proximal">
+          <joint name="finger{i}_pitch" axis="{text(bend)}" {joint}/>
+          <geom type="capsule" size=".003" fromto="0 0 0 0 0 .075" mass=".02" contype="0"
+            conaffinity="0"/>
+          <body name="f{i}_distal" pos="0 0 .075">
+            <joint name="finger{i}_knee" axis="{text(bend)}" {joint}/>
+            <geom type="capsule" size=".003" fromto="0 0 0 0 0 .07" mass=".02" contype="0"
+              conaffinity="0"/>
+            <geom name="f{i}_pad" type="sphere" size=".004" pos="0 0 .075" mass=".002" {tip}/>
+            <site name="tip{i}" pos="0 0 .075"/>
+          </body>
+        </body>
+      </body>"""
+    if actuators is None:
+        actuators = "".join(
+            f'<motor name="m_{i}_{each}" joint="finger{i}_{each}" ctrllimited="true"'
+            f' ctrlrange="-.5 .5"/>'
+            for i in (1, 2, 3, 4)
+            for each in ("base", "pitch", "knee")
+        )
+    return f"""
+<mujoco model="paper hand">
+  <compiler angle="radian" autolimits="true"/>
+  <option {options}/>
+  <worldbody>
+    <body name="palm">
+      <geom name="palm" type="box" size=".05 .05 .005" pos="0 0 -.005" mass=".3"/>{fingers}
+    </body>
+    {world}
+  </worldbody>
+  <actuator>{actuators}</actuator>
+  {extra}
+</mujoco>"""
+
+
+TIPS = ("tip1", "tip2", "tip3", "tip4")
