@@ -2,6 +2,20 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+import graspforce as gf
+
+
+def contacts_at(points, rng, models):
+    """Contacts at the points, with normals and rolls drawn at random."""
+    normals = rng.standard_normal((len(points), 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    return [
+        gf.Contact(point, normal, model, tangent=rng.standard_normal(3))
+        for point, normal, model in zip(points, normals, models, strict=True)
+    ]
+
 
 def paper_hand_xml(
     base_axis="radial", *, joint="", actuators=None, world="", extra="", tip="", options=""

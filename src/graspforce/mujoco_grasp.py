@@ -19,6 +19,7 @@ from graspforce.hands.mujoco_model import (
     Drive,
     MujocoPosture,
     body_of,
+    coupling_rows,
     dofs_above,
     drive_rows,
     drives,
@@ -26,8 +27,10 @@ from graspforce.hands.mujoco_model import (
     links_of,
     mujoco_module,
     name_of,
+    what_moves,
 )
 from graspforce.hands.posture import actuate, full_jacobian, warn
+from graspforce.hands.transmission import connected_dofs
 
 
 def read(
@@ -45,29 +48,42 @@ def read(
         ModelImportError: a drive without a torque limit.
     """
     mj = mujoco_module()
+    for given, kind, name in ((model, mj.MjModel, "model"), (data, mj.MjData, "data")):
+        if not isinstance(given, kind):
+            raise InvalidInputError(
+                f"{name}: got a {type(given).__name__}, expected an mujoco.{kind.__name__}"
+            )
     held = _object(model, object_body)
-    name = name_of(model, mj.mjtObj.mjOBJ_BODY, held)
     candidates, motor_notes = drives(model)
     moments = drive_rows(model, data, candidates)
     contacts, bodies, contact_notes = _contacts(model, data, held, moments)
-    _require_fingers(model, name, bodies, moments, fingertips)
+    if fingertips is not None:
+        _require(model, held, bodies, fingertips)
+    if not bodies:
+        raise _not_held(model, data, held, moments)
+    moved = what_moves(model, data, bodies, candidates)
 
     def posture_with(drives: Sequence[Drive]) -> MujocoPosture:
-        return MujocoPosture(model, data, bodies, drives)
+        return MujocoPosture(model, data, moved.dofs, drives)
 
-    hand = actuate(posture_with, candidates, tau_max)
+    hand = actuate(posture_with, moved.drives, tau_max)
+    if not hand.joint_names:
+        raise _not_held(model, data, held, moments)
     twists = [
         hand.posture.body_twist(body, contact.point)
         for contact, body in zip(contacts, bodies, strict=True)
     ]
     doubts = (*contact_notes, *hand.doubts)
+    notes = [*hand.notes, *motor_notes]
+    if int(model.opt.cone) == int(mj.mjtCone.mjCONE_PYRAMIDAL):
+        notes.append("the simulation's friction pyramids lie inside the exact cones of the grasp")
     warn(doubts, stacklevel=3)
     return Reading(
         tuple(contacts),
         tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in bodies),
         np.array(data.xipos[held]),
-        hand.actuation(full_jacobian(contacts, twists), _bias(model, data)[hand.posture.dofs]),
-        (*doubts, *hand.notes, *motor_notes),
+        hand.actuation(full_jacobian(contacts, twists), _bias(model, data)[moved.dofs]),
+        (*doubts, *notes),
     )
 
 
@@ -149,34 +165,34 @@ def _bias(model: Any, data: Any) -> Array:
     return np.array(data.qfrc_bias - passive - by_motor)
 
 
-def _require_fingers(
-    model: Any,
-    name: str,
-    bodies: Sequence[int],
-    moments: Array,
-    fingertips: Sequence[str] | None,
-) -> None:
-    """Raise unless the fingers that have to touch the object do."""
-    if fingertips is not None:
-        links = links_of(model)
-        touching = {int(model.body_weldid[body]) for body in bodies}
-        tips = {tip: body_of(model, as_link(tip, "fingertips", links)) for tip in fingertips}
-        absent = [tip for tip, body in tips.items() if int(model.body_weldid[body]) not in touching]
-        if absent:
-            raise InvalidInputError(
-                f"data: {', '.join(absent)} of the fingertips {', '.join(tips)} not in contact "
-                f"with {name!r}"
-            )
-    driven = moments.any(axis=0)
-    if not any((dofs_above(model, body) & driven).any() for body in bodies):
-        mj = mujoco_module()
-        tips = [
-            name_of(model, mj.mjtObj.mjOBJ_BODY, body)
-            for body in range(1, model.nbody)
-            if (dofs_above(model, body) & driven).any() and body not in model.body_parentid
-        ]
+def _require(model: Any, held: int, bodies: Sequence[int], fingertips: Sequence[str]) -> None:
+    """Raise unless each of the fingertips touches the object."""
+    links = links_of(model)
+    touching = {int(model.body_weldid[body]) for body in bodies}
+    tips = {tip: body_of(model, as_link(tip, "fingertips", links)) for tip in fingertips}
+    absent = [tip for tip, body in tips.items() if int(model.body_weldid[body]) not in touching]
+    if absent:
+        name = name_of(model, mujoco_module().mjtObj.mjOBJ_BODY, held)
         raise InvalidInputError(
-            f"data: no finger is in contact with {name!r}; expected contact with some of "
-            f"{', '.join(tips) or 'the bodies that motors move, of which there are none'} "
-            f"after mj_step or mj_forward"
+            f"data: {', '.join(absent)} not in contact with {name!r}, expected all of the "
+            f"fingertips {', '.join(tips)} to be"
         )
+
+
+def _not_held(model: Any, data: Any, held: int, moments: Array) -> InvalidInputError:
+    """Return the complaint that no finger touches the object, with the fingers that could."""
+    body = mujoco_module().mjtObj.mjOBJ_BODY
+    couplings = coupling_rows(model, data)
+    driven = np.zeros(model.nv, dtype=bool)
+    driven[np.nonzero(moments)[1]] = True
+    driven[connected_dofs(driven, couplings)] = True
+    fingers = [
+        name_of(model, body, i)
+        for i in range(1, model.nbody)
+        if i not in model.body_parentid and (dofs_above(model, i) & driven).any()
+    ]
+    return InvalidInputError(
+        f"data: no finger is in contact with {name_of(model, body, held)!r} (read after mj_step "
+        f"or mj_forward); fingers without contact: "
+        f"{', '.join(fingers) or 'none, as no motor moves any body'}"
+    )

@@ -19,6 +19,7 @@ from graspforce.hands.pinocchio_model import (
     frames_of,
     joint_drives,
     pinocchio_module,
+    what_moves,
 )
 from graspforce.hands.posture import actuate, full_jacobian, warn
 
@@ -53,10 +54,13 @@ def read(
     made_by = tuple(as_link(link, "links", frames) for link in links)
     couplings = np.zeros((0, int(model.nv)))  # a model's mimic joints are no dofs of their own
 
-    def posture_with(drives: Sequence[JointDrive]) -> PinocchioPosture:
-        return PinocchioPosture(model, configuration, made_by, drives, couplings)
+    dofs = what_moves(model, made_by, couplings)
 
-    hand = actuate(posture_with, joint_drives(model), tau_max)
+    def posture_with(drives: Sequence[JointDrive]) -> PinocchioPosture:
+        return PinocchioPosture(model, configuration, dofs, drives, couplings)
+
+    drives = [each for each in joint_drives(model) if each.dof in dofs]
+    hand = actuate(posture_with, drives, tau_max)
     if not hand.joint_names:
         raise ModelImportError(f"no motor moves any of the links {', '.join(made_by)}")
     twists = [
@@ -69,6 +73,6 @@ def read(
         contacts,
         made_by,
         as_array(origin, "origin", (3,)),
-        hand.actuation(full_jacobian(contacts, twists), bias[hand.posture.dofs]),
+        hand.actuation(full_jacobian(contacts, twists), bias[dofs]),
         (*hand.doubts, *hand.notes),
     )

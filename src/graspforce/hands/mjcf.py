@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspforce._arrays import Array
 from graspforce.errors import InvalidInputError, ModelImportError
@@ -27,6 +28,7 @@ from graspforce.hands.mujoco_model import (
     links_of,
     mujoco_module,
     name_of,
+    what_moves,
 )
 from graspforce.hands.posture import actuate, warn
 
@@ -64,18 +66,18 @@ def from_mjcf(
     bodies = tuple(dict.fromkeys(body_of(model, link) for link in tips.values()))
     candidates, motor_notes = drives(model)
     data = _evaluated(model, model.qpos0)
+    moved = what_moves(model, data, bodies, candidates)
 
     def posture_with(drives: Sequence[Drive]) -> MujocoPosture:
-        return MujocoPosture(model, data, bodies, drives)
+        return MujocoPosture(model, data, moved.dofs, drives)
 
-    hand = actuate(posture_with, candidates, tau_max)
+    hand = actuate(posture_with, moved.drives, tau_max)
     fingers = fingers_of(hand.posture, tips, hand.joint_names)
-    warn(hand.doubts, stacklevel=2)
     robot = MujocoRobot(
-        model, bodies, tuple(hand.posture.drives),
-        _joints(model, hand.posture.dofs.tolist(), hand.joint_names),
-        _links(model, hand.posture, drive_rows(model, data, candidates)),
+        model, moved.dofs, hand.drives, _joints(model, moved.dofs.tolist(), hand.joint_names),
+        _links(model, moved.dofs, drive_rows(model, data, candidates)),
     )  # fmt: skip
+    warn(hand.doubts, stacklevel=2)
     return ImportedHand(
         hand.joint_names, robot.q_names, hand.tau_lo, hand.tau_hi, fingers, tips,
         tuple(tips.values()), (*hand.doubts, *hand.notes, *motor_notes), robot,
@@ -102,7 +104,7 @@ class MujocoRobot:
     """A MuJoCo model as the kinematics of a hand."""
 
     model: Any
-    bodies: tuple[int, ...]
+    dofs: NDArray[np.intp]
     drives: tuple[Drive, ...]
     joints: _Joints
     links: tuple[str, ...]
@@ -125,7 +127,7 @@ class MujocoRobot:
                 qpos[address[joint]] = start[address[joint]] + np.polynomial.polynomial.polyval(
                     turned, polynomial
                 )
-        return MujocoPosture(self.model, _evaluated(self.model, qpos), self.bodies, self.drives)
+        return MujocoPosture(self.model, _evaluated(self.model, qpos), self.dofs, self.drives)
 
 
 def _load(source: Any) -> Any:
@@ -138,9 +140,12 @@ def _load(source: Any) -> Any:
     if not path.is_file():
         raise ModelImportError(f"{path}: there is no such file")
     try:
-        return mj.MjModel.from_xml_path(str(path))
+        model = mj.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise ModelImportError(f"{path}: not a model that MuJoCo reads: {error}") from error
+    if model.nbody == 1:  # MuJoCo takes any other XML for a model with nothing in it
+        raise ModelImportError(f"{path}: not a model that MuJoCo reads: it has no bodies")
+    return model
 
 
 def _evaluated(model: Any, qpos: Array) -> Any:
@@ -155,10 +160,10 @@ def _evaluated(model: Any, qpos: Array) -> Any:
     return data
 
 
-def _links(model: Any, posture: MujocoPosture, moments: Array) -> tuple[str, ...]:
+def _links(model: Any, dofs: NDArray[np.intp], moments: Array) -> tuple[str, ...]:
     """Return the bodies and sites that a contact can be on: fixed, or moved by the hand alone."""
     other = np.ones(model.nv, dtype=bool)
-    other[posture.dofs] = False
+    other[dofs] = False
     return tuple(
         link
         for link in links_of(model)

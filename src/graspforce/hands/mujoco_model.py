@@ -156,25 +156,38 @@ def is_loose(model: Any, body: int, moments: Array) -> bool:
     return bool(_held(model)[same_tree].any() and not moments[:, same_tree].any())
 
 
+class Moved(NamedTuple):
+    """What moves some bodies of a model."""
+
+    dofs: NDArray[np.intp]
+    """Degrees of freedom of the joints above them, and of all that these are coupled with."""
+    drives: list[Drive]
+    """In the order of the joints, whatever that of the motors is."""
+
+
+def what_moves(model: Any, data: Any, bodies: Iterable[int], candidates: Sequence[Drive]) -> Moved:
+    """Return the degrees of freedom that move ``bodies`` and the drives that take part in it."""
+    moments = drive_rows(model, data, candidates)
+    moving = np.zeros(model.nv, dtype=bool)
+    for body in bodies:
+        moving |= dofs_above(model, body)
+    dofs = connected_dofs(moving, np.vstack((moments, coupling_rows(model, data))))
+    levers = moments[:, dofs] != 0
+    in_order = np.argsort(levers.argmax(axis=1), kind="stable")
+    return Moved(dofs, [candidates[i] for i in in_order if levers[i].any()])
+
+
 class MujocoPosture:
     """A model at the posture for which ``data`` holds positions, moment arms and constraints."""
 
     def __init__(
-        self, model: Any, data: Any, bodies: Iterable[int], candidates: Sequence[Drive]
+        self, model: Any, data: Any, dofs: NDArray[np.intp], drives: Sequence[Drive]
     ) -> None:
-        """Find what moves ``bodies`` and which of the candidate drives take part in it."""
-        moments, couplings = drive_rows(model, data, candidates), coupling_rows(model, data)
-        moving = np.any([dofs_above(model, body) for body in bodies], axis=0)
-        self.dofs = connected_dofs(moving, np.vstack((moments, couplings)))
-        moments = moments[:, self.dofs]
-        # In the order of the joints, whatever that of the motors is.
-        taking_part = [i for i, row in enumerate(moments) if row.any()]
-        taking_part.sort(key=lambda i: int(np.flatnonzero(moments[i])[0]))
-        self.drives: list[Drive] = [candidates[i] for i in taking_part]
+        """Read how the drives move the degrees of freedom."""
+        self._model, self._data, self._dofs = model, data, dofs
         self.transmission: Transmission = transmission(
-            moments[taking_part], couplings[:, self.dofs]
+            drive_rows(model, data, drives)[:, dofs], coupling_rows(model, data)[:, dofs]
         )
-        self._model, self._data = model, data
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -182,7 +195,7 @@ class MujocoPosture:
         mj = mujoco_module()
         return tuple(
             name_of(self._model, mj.mjtObj.mjOBJ_JOINT, int(self._model.dof_jntid[dof]))
-            for dof in self.dofs
+            for dof in self._dofs
         )
 
     def body_twist(self, body: int, point: Array) -> Array:
@@ -191,7 +204,7 @@ class MujocoPosture:
         mujoco_module().mj_jac(
             self._model, self._data, twist[:3], twist[3:], point.reshape(3, 1), body
         )
-        return twist[:, self.dofs]
+        return twist[:, self._dofs]
 
     def twist(self, link: str, point: Array | None) -> Array:
         """Return the velocity of a body or site by each joint's, shape (6, n_dofs)."""

@@ -60,6 +60,30 @@ def frames_of(model: Any) -> dict[str, int]:
     return {str(model.frames[0].name): 0} | named
 
 
+def dofs_above(model: Any, frame: int) -> NDArray[np.bool_]:
+    """Return which degrees of freedom move a frame, shape (nv,); not a floating base's."""
+    moving = np.zeros(model.nv, dtype=bool)
+    for joint in model.supports[model.frames[frame].parentJoint]:
+        if int(model.nvExtendeds[joint]) == 1:  # a mimic joint has its leader's
+            moving[int(model.idx_vs[joint])] = True
+    return moving
+
+
+def what_moves(model: Any, links: Sequence[str], couplings: Array) -> NDArray[np.intp]:
+    """Return the degrees of freedom that move ``links``, and all that these are coupled with.
+
+    Args:
+        model: a ``pinocchio.Model``.
+        links: names of frames.
+        couplings: joint motions with ``couplings @ dq != 0`` are impossible, shape (p, nv).
+    """
+    frames = frames_of(model)
+    moving = np.zeros(model.nv, dtype=bool)
+    for link in links:
+        moving |= dofs_above(model, frames[link])
+    return connected_dofs(moving, couplings)
+
+
 class PinocchioPosture:
     """A model at a configuration."""
 
@@ -67,42 +91,24 @@ class PinocchioPosture:
         self,
         model: Any,
         configuration: Array,
-        links: Sequence[str],
-        candidates: Sequence[JointDrive],
+        dofs: NDArray[np.intp],
+        drives: Sequence[JointDrive],
         couplings: Array,
     ) -> None:
-        """Find what moves ``links`` and which of the candidate drives take part in it.
-
-        Args:
-            model: a ``pinocchio.Model``.
-            configuration: shape (nq,).
-            links: names of frames.
-            candidates: joints that have motors.
-            couplings: joint motions with ``couplings @ dq != 0`` are impossible, shape (p, nv).
-        """
+        """Compute how the drives move the degrees of freedom, and where the frames are."""
         pin = pinocchio_module()
-        self._model, self._frames = model, frames_of(model)
+        self._model, self._frames, self._dofs = model, frames_of(model), dofs
         self._data = model.createData()
         pin.computeJointJacobians(model, self._data, configuration)
         pin.updateFramePlacements(model, self._data)
-        moving = np.any([self._dofs_above(link) for link in links], axis=0)
-        self.dofs = connected_dofs(moving, couplings)
-        self.drives = [each for each in candidates if each.dof in self.dofs]
-        rows = np.eye(model.nv)[[each.dof for each in self.drives]].reshape(-1, model.nv)
-        self.transmission: Transmission = transmission(rows[:, self.dofs], couplings[:, self.dofs])
+        rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
+        self.transmission: Transmission = transmission(rows[:, dofs], couplings[:, dofs])
 
     @property
     def dof_names(self) -> tuple[str, ...]:
         """The joints of the degrees of freedom that ``transmission`` speaks of."""
         names = dof_names(self._model)
-        return tuple(names[dof] for dof in self.dofs)
-
-    @property
-    def links(self) -> tuple[str, ...]:
-        """The frames that nothing moves but ``dofs``."""
-        other = np.ones(self._model.nv, dtype=bool)
-        other[self.dofs] = False
-        return tuple(link for link in self._frames if not (self._dofs_above(link) & other).any())
+        return tuple(names[dof] for dof in self._dofs)
 
     def twist(self, link: str, point: Array | None) -> Array:
         """Return the velocity of a frame by each joint's, shape (6, n_dofs)."""
@@ -114,20 +120,11 @@ class PinocchioPosture:
         )
         if point is not None:
             twist[:3] += np.cross(twist[3:], point - self.position(link), axis=0)
-        return twist[:, self.dofs]
+        return twist[:, self._dofs]
 
     def position(self, link: str) -> Array:
         """Return the origin of a frame, shape (3,) [m]."""
         return np.array(self._data.oMf[self._frames[link]].translation)
-
-    def _dofs_above(self, link: str) -> NDArray[np.bool_]:
-        """Return which degrees of freedom move a frame, shape (nv,); not a floating base's."""
-        model = self._model
-        moving = np.zeros(model.nv, dtype=bool)
-        for joint in model.supports[model.frames[self._frames[link]].parentJoint]:
-            if int(model.nvExtendeds[joint]) == 1:  # a mimic joint has its leader's
-                moving[int(model.idx_vs[joint])] = True
-        return moving
 
 
 def dof_names(model: Any) -> Mapping[int, str]:

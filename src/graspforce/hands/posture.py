@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -26,11 +26,6 @@ class HasLimit(Protocol):
 
 class Posture(Protocol):
     """A robot at one posture."""
-
-    @property
-    def drives(self) -> Sequence[HasLimit]:
-        """The drives that move the robot."""
-        ...
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -56,12 +51,14 @@ class Posture(Protocol):
 
 
 P = TypeVar("P", bound=Posture)
+D = TypeVar("D", bound=HasLimit)
 
 
-class Actuated(NamedTuple, Generic[P]):
+class Actuated(NamedTuple, Generic[P, D]):
     """A posture with the drives that have motors, and the limits that hold for them."""
 
     posture: P
+    drives: tuple[D, ...]
     joint_names: tuple[str, ...]
     tau_lo: Array
     tau_hi: Array
@@ -86,29 +83,27 @@ class Actuated(NamedTuple, Generic[P]):
 
 
 def actuate(
-    posture_with: Callable[[Sequence[Any]], P],
-    candidates: Sequence[HasLimit],
+    posture_with: Callable[[Sequence[D]], P],
+    drives: Sequence[D],
     tau_max: float | Mapping[str, float] | None,
-) -> Actuated[P]:
-    """Choose the drives that have motors and settle their limits.
+) -> Actuated[P, D]:
+    """Choose those of the drives that have motors and settle their limits.
 
     Raises:
         InvalidInputError: ``tau_max`` is wrong or names what is not there.
         ModelImportError: a drive without a limit.
     """
-    mentioned = posture_with(candidates).drives
-    given = as_tau_max(tau_max, [each.limit.name for each in mentioned])
-    kept = [each for each in mentioned if has_motor(each.limit, given)]
-    posture = posture_with(kept)
+    given = as_tau_max(tau_max, [each.limit.name for each in drives])
+    kept = [each for each in drives if has_motor(each.limit, given)]
+    idle = [each.limit.name for each in drives if not has_motor(each.limit, given)]
     allowed = limits([each.limit for each in kept], given)
-    notes = [
-        f"the file gives {each.limit.name!r} no torque at all: taken as without a motor"
-        for each in mentioned
-        if each not in kept
-    ]
+    posture = posture_with(kept)
+    joint_names = tuple(each.limit.name for each in kept)
+    notes = [f"the file gives {name!r} no torque at all: taken as without a motor" for name in idle]
     return Actuated(
-        posture, tuple(each.limit.name for each in kept), allowed.lo, allowed.hi,
-        (*allowed.reports, *_uncontrolled(posture)), (*notes, *_coupling_notes(posture)),
+        posture, tuple(kept), joint_names, allowed.lo, allowed.hi,
+        (*allowed.reports, *_uncontrolled(posture)),
+        (*notes, *_coupling_notes(posture, joint_names)),
     )  # fmt: skip
 
 
@@ -147,14 +142,15 @@ def loaded_motions(full: Array, free: Array) -> Array:
     return free @ left[:, sizes > RANK_TOLERANCE * scale]
 
 
-def _coupling_notes(posture: Posture) -> list[str]:
+def _coupling_notes(posture: Posture, joint_names: Sequence[str]) -> list[str]:
     """Say which joints a drive moves besides its own, a sentence each."""
     notes: list[str] = []
-    for column, drive in enumerate(each.limit.name for each in posture.drives):
+    dof_names = posture.dof_names
+    for column, drive in enumerate(joint_names):
         ratios = posture.transmission.driven[:, column]
         others = [
             f"{name!r} by {ratio:.4g}"
-            for name, ratio in zip(posture.dof_names, ratios, strict=True)
+            for name, ratio in zip(dof_names, ratios.tolist(), strict=True)
             if ratio and name != drive
         ]
         if others:
@@ -182,7 +178,7 @@ def _uncontrolled(posture: Posture) -> list[str]:
         count = round(float(np.trace(projector[np.ix_(members, members)])))
         what = names if count == len(members) else f"{count} of {len(members)} motions of {names}"
         sentences.append(
-            f"no motor controls {what}: contact forces are to leave that unloaded, as far as the "
-            f"equations in passive_rows can make them"
+            f"no motor controls {what}: only contact forces that leave this unloaded can be held "
+            f"(passive_rows)"
         )
     return sentences

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspforce._arrays import Array
 from graspforce.errors import ModelImportError
@@ -21,9 +22,11 @@ from graspforce.hands.pinocchio_model import (
     JointDrive,
     PinocchioPosture,
     dof_names,
+    dofs_above,
     frames_of,
     joint_drives,
     pinocchio_module,
+    what_moves,
 )
 from graspforce.hands.posture import actuate, warn
 
@@ -66,16 +69,21 @@ def from_urdf(
     links = tuple(dict.fromkeys(tips.values()))
     couplings = _couplings(path, model, mimics, links)
     following = {each.joint for each in mimics}
-    candidates = [each for each in joint_drives(model) if each.limit.name not in following]
+    dofs = what_moves(model, links, couplings)
+    drives = [
+        each
+        for each in joint_drives(model)
+        if each.dof in dofs and each.limit.name not in following
+    ]
 
     def posture_with(drives: Sequence[JointDrive]) -> PinocchioPosture:
-        return PinocchioPosture(model, pin.neutral(model), links, drives, couplings)
+        return PinocchioPosture(model, pin.neutral(model), dofs, drives, couplings)
 
-    hand = actuate(posture_with, candidates, tau_max)
+    hand = actuate(posture_with, drives, tau_max)
     fingers = fingers_of(hand.posture, tips, hand.joint_names)
-    warn(hand.doubts, stacklevel=2)
     free = tuple(name for name in hand.posture.dof_names if name not in following)
-    robot = PinocchioRobot(model, links, tuple(hand.posture.drives), couplings, free, mimics)
+    robot = PinocchioRobot(model, dofs, hand.drives, couplings, free, mimics)
+    warn(hand.doubts, stacklevel=2)
     return ImportedHand(
         hand.joint_names, free, hand.tau_lo, hand.tau_hi, fingers, tips, tuple(tips.values()),
         (*hand.doubts, *hand.notes), robot,
@@ -96,7 +104,7 @@ class PinocchioRobot:
     """A URDF as the kinematics of a hand."""
 
     model: Any
-    moved: tuple[str, ...]
+    dofs: NDArray[np.intp]
     drives: tuple[JointDrive, ...]
     couplings: Array
     q_names: tuple[str, ...]
@@ -105,7 +113,13 @@ class PinocchioRobot:
     @property
     def links(self) -> tuple[str, ...]:
         """The links that are fixed or that the hand alone moves."""
-        return self.posture(np.zeros(len(self.q_names))).links
+        other = np.ones(self.model.nv, dtype=bool)
+        other[self.dofs] = False
+        return tuple(
+            link
+            for link, frame in frames_of(self.model).items()
+            if not (dofs_above(self.model, frame) & other).any()
+        )
 
     def posture(self, q: Array) -> PinocchioPosture:
         """Return the robot at the joint angles q; joints that move no finger are at 0."""
@@ -118,7 +132,7 @@ class PinocchioRobot:
         names = dof_names(self.model)
         turned = np.array([angles.get(names[dof], 0.0) for dof in range(self.model.nv)])
         configuration = pin.integrate(self.model, pin.neutral(self.model), turned)
-        return PinocchioPosture(self.model, configuration, self.moved, self.drives, self.couplings)
+        return PinocchioPosture(self.model, configuration, self.dofs, self.drives, self.couplings)
 
 
 def _mimics(path: Path) -> tuple[_Mimic, ...]:
@@ -153,9 +167,7 @@ def _mimics(path: Path) -> tuple[_Mimic, ...]:
 def _couplings(path: Path, model: Any, mimics: Sequence[_Mimic], links: Sequence[str]) -> Array:
     """Return one row a mimic joint: its rate less what its leader makes it, shape (p, nv)."""
     dofs = {name: dof for dof, name in dof_names(model).items()}
-    bare = PinocchioPosture(
-        model, pinocchio_module().neutral(model), links, (), np.zeros((0, model.nv))
-    )
+    moving = what_moves(model, links, np.zeros((0, model.nv)))
     rows = np.zeros((len(mimics), model.nv))
     for row, each in zip(rows, mimics, strict=True):
         if each.joint not in dofs:
@@ -163,7 +175,7 @@ def _couplings(path: Path, model: Any, mimics: Sequence[_Mimic], links: Sequence
         row[dofs[each.joint]] = 1.0
         if each.leader in dofs:
             row[dofs[each.leader]] -= each.multiplier
-        elif each.joint in bare.dof_names:
+        elif dofs[each.joint] in moving:
             raise ModelImportError(
                 f"{path}: joint {each.joint!r} mimics {each.leader!r}, which is not there; "
                 f"expected one of {', '.join(dofs)}"
