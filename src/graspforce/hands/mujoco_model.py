@@ -172,9 +172,10 @@ def what_moves(model: Any, data: Any, bodies: Iterable[int], candidates: Sequenc
     for body in bodies:
         moving |= dofs_above(model, body)
     dofs = connected_dofs(moving, np.vstack((moments, coupling_rows(model, data))))
-    levers = moments[:, dofs] != 0
-    in_order = np.argsort(levers.argmax(axis=1), kind="stable")
-    return Moved(dofs, [candidates[i] for i in in_order if levers[i].any()])
+    levers = [np.flatnonzero(row) for row in moments[:, dofs]]
+    taking_part = [i for i, own in enumerate(levers) if len(own)]
+    taking_part.sort(key=lambda i: int(levers[i][0]))
+    return Moved(dofs, [candidates[i] for i in taking_part])
 
 
 class MujocoPosture:

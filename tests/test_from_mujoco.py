@@ -1,0 +1,499 @@
+"""Grasps read from MuJoCo: against the simulator's own constraint forces and inverse dynamics."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from models import TIPS, paper_hand_xml
+
+import graspforce as gf
+from graspforce.hands import PaperHand, from_mjcf
+
+mujoco = pytest.importorskip("mujoco")
+
+FIRM = (
+    'cone="elliptic" impratio="100" timestep=".001" noslip_iterations="3" integrator="implicitfast"'
+)
+PAD = 'solref=".004 1" solimp=".95 .99 .001" priority="1"'
+CUBE = """<body name="cube" pos="0 0 .1"><freejoint/>
+  <geom name="cube" type="box" size=".0375 .0375 .0375" mass=".25"/></body>"""
+WEIGHT = np.array([0, 0, 0.25 * 9.81, 0, 0, 0])
+ROBOT = slice(0, 12)
+
+
+def scene(*, world=CUBE, tip=f'friction=".5 .005 .0001" {PAD}', options=FIRM, into=2e-4, **parts):
+    """The paper's hand around its cube, the pads 0.2 mm into it: a model and its data."""
+    model = mujoco.MjModel.from_xml_string(
+        paper_hand_xml(world=world, tip=tip, options=options, **parts)
+    )
+    data = mujoco.MjData(model)
+    reach = 0.0375 + 0.004 - into
+    tips = [[reach, 0, 0.1], [0, reach, 0.11], [-reach, 0, 0.1], [0, -reach, 0.09]]
+    names = [f"finger{i}_{each}" for i in (1, 2, 3, 4) for each in ("base", "pitch", "knee")]
+    address = [model.joint(name).qposadr[0] for name in names]
+    data.qpos[address] = PaperHand("radial").inverse_kinematics(tips)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def measured(data, grasp, model, cube="cube"):
+    """The simulator's contact forces in the grasp's contact frames, in its order."""
+    c, index = [], 0
+    body = model.body(cube).id
+    for i in range(data.ncon):
+        bodies = model.geom_bodyid[data.contact.geom[i]]
+        if body not in bodies:
+            continue
+        force = np.zeros(6)
+        mujoco.mj_contactForce(model, data, i, force)
+        axes = data.contact.frame[i].reshape(3, 3)
+        sign = 1 if bodies[1] == body else -1  # the force is on the second geom
+        contact = grasp.contacts[index]
+        parts = contact.frame.T @ (sign * axes.T @ force[:3])
+        torsion = sign * (contact.normal @ (axes.T @ force[3:]))
+        c.extend([*parts, torsion][: contact.model.dim])
+        index += 1
+    assert index == len(grasp.contacts)
+    return np.array(c)
+
+
+def wrench_on(model, data, body):
+    """What the constraints make of forces and torques at a free body's centre of mass."""
+    force = data.qfrc_constraint[model.body(body).dofadr[0] :][:6]
+    turned = data.body(body).xmat.reshape(3, 3)
+    return np.concatenate((force[:3], turned @ force[3:]))
+
+
+# ---- the simulator's own forces ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cube_first", [False, True])
+@pytest.mark.parametrize("condim", [1, 3, 4])
+def test_w_and_j_are_the_simulators(condim, cube_first):
+    """W c is what the contacts do to the cube, −J.T c what they do to the joints."""
+    tip = f'condim="{condim}" friction=".5 .01 .0001" {PAD}'
+    if cube_first:  # MuJoCo's normals then point out of it: it comes before the hand's geoms
+        text = paper_hand_xml(tip=tip, options=FIRM).replace("<worldbody>", f"<worldbody>{CUBE}")
+        model = mujoco.MjModel.from_xml_string(text)
+        data = mujoco.MjData(model)
+        ready = scene(tip=tip, into=1e-3)[1]
+        data.qpos[:] = np.concatenate((ready.qpos[12:], ready.qpos[:12]))
+        robot = slice(6, 18)
+    else:
+        model, data = scene(tip=tip, into=1e-3)
+        robot = ROBOT
+    rng = np.random.default_rng(condim)
+    data.qvel[:] = rng.normal(size=model.nv) * 0.03
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    assert grasp.links == ("f1_distal", "f2_distal", "f3_distal", "f4_distal")
+    assert {type(each).__name__ for each in grasp.models} == {
+        {1: "FPC", 3: "PCWF", 4: "SFC"}[condim]
+    }
+    c = measured(data, grasp, model)
+    assert all(c[i] > 0.1 for i in np.cumsum([0, *(m.dim for m in grasp.models[:-1])]))
+    np.testing.assert_allclose(grasp.W @ c, wrench_on(model, data, "cube"), atol=1e-9)
+    np.testing.assert_allclose(-grasp.J.T @ c, data.qfrc_constraint[robot], atol=1e-9)
+    # Strictly inside MuJoCo's cone is inside ours, and the reverse.
+    for contact, start in zip(grasp.contacts, np.cumsum([0] + [condim] * 3), strict=True):
+        if condim > 1:
+            n, *t = c[start : start + condim]
+            scaled = [*t[:2], *(0.5 / 0.01 * each for each in t[2:])]
+            assert 0.5 * n - np.linalg.norm(scaled) >= -1e-6 * n
+            assert contact.model.mu == 0.5
+
+
+def test_it_is_the_imported_hands_jacobian():
+    model, data = scene()
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    hand = from_mjcf(model, TIPS)
+    np.testing.assert_allclose(grasp.J, hand.jacobian(grasp.contacts, data.qpos[:12]), atol=1e-14)
+    assert grasp.joint_names == hand.joint_names
+    np.testing.assert_array_equal(grasp.tau_hi, hand.tau_hi)
+
+
+@pytest.mark.parametrize(
+    "joint",
+    [
+        "",
+        'stiffness=".3" springref=".4"',
+        'stiffness=".3" damping=".02"',
+        'actuatorgravcomp="true"',
+    ],
+)
+def test_the_bias_is_what_inverse_dynamics_asks_for(joint):
+    text = paper_hand_xml(world=CUBE, tip=PAD, options=FIRM, joint=joint)
+    text = text.replace('<body name="f1_distal"', '<body name="f1_distal" gravcomp=".5"')
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[ROBOT] = scene()[1].qpos[ROBOT]
+    rng = np.random.default_rng(1)
+    data.qvel[:] = 0 if "damping" in joint else rng.normal(size=model.nv)
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    data.qacc[:] = 0
+    mujoco.mj_inverse(model, data)
+    wanted = data.qfrc_inverse + data.qfrc_constraint
+    if "actuatorgravcomp" in joint:
+        wanted = wanted - data.qfrc_gravcomp
+        assert np.abs(data.qfrc_gravcomp[ROBOT]).max() > 1e-3
+    np.testing.assert_allclose(grasp.tau_bias, wanted[ROBOT], atol=1e-12)
+    assert np.abs(grasp.tau_bias).max() > 1e-3
+
+
+def test_damping_is_not_fed_forward():
+    model, data = scene(joint='damping=".1"')
+    at_rest = gf.Grasp.from_mujoco(model, data, "cube").tau_bias
+    data.qvel[ROBOT] = 1e-6
+    mujoco.mj_forward(model, data)
+    moving = gf.Grasp.from_mujoco(model, data, "cube").tau_bias
+    np.testing.assert_allclose(moving, at_rest, atol=1e-9)
+
+
+def test_three_lines_hold_the_cube():
+    model, data = scene()
+    start = data.body("cube").xpos.copy()
+    for _ in range(250):
+        mujoco.mj_forward(model, data)
+        grasp = gf.Grasp.from_mujoco(model, data, "cube")
+        solution = gf.solve(grasp.problem(WEIGHT), check=True)
+        data.ctrl[:] = solution.tau
+        mujoco.mj_step(model, data)
+    driven = [model.joint(model.actuator(i).trnid[0]).name for i in range(model.nu)]
+    assert list(grasp.joint_names) == driven  # so that ctrl is in the order of tau
+    # Nothing but the right forces keeps it there: no position is fed back.
+    assert np.linalg.norm(data.body("cube").xpos - start) < 1e-4
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    np.testing.assert_allclose(measured(data, grasp, model), solution.c, atol=0.02)
+    np.testing.assert_allclose(data.qfrc_actuator[ROBOT], solution.tau, atol=1e-12)
+
+
+def test_nothing_is_changed():
+    model, data = scene()
+    state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    before = [np.copy(each) for each in (state, data.efc_J, data.cdof, data.qfrc_bias, data.xpos)]
+    gf.Grasp.from_mujoco(model, data, "cube")
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    after = (state, data.efc_J, data.cdof, data.qfrc_bias, data.xpos)
+    for old, new in zip(before, after, strict=True):
+        np.testing.assert_array_equal(new, old)
+
+
+# ---- friction ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("tip", "expected"),
+    [
+        ('condim="1" friction=".7 .01 .001"', gf.FPC()),
+        ('condim="3" friction=".7 .01 .001"', gf.PCWF(0.7)),
+        ('condim="3" friction="0 .01 .001"', gf.FPC()),
+        ('condim="4" friction=".7 .01 .001"', gf.SFC(0.7, 0.01)),
+        ('condim="4" friction=".7 0 .001"', gf.PCWF(0.7)),
+        ('condim="6" friction=".7 .01 .001"', gf.SFC(0.7, 0.01)),
+        ('condim="6" friction="0 .01 .001"', gf.FPC()),
+    ],
+)
+def test_friction_of_the_geoms(tip, expected):
+    model, data = scene(tip=f"{tip} {PAD}")
+    assert gf.Grasp.from_mujoco(model, data, "cube").models == (expected,) * 4
+
+
+def test_friction_of_a_pair_with_two_coefficients_is_the_smaller():
+    pair = '<contact><pair geom1="f1_pad" geom2="cube" friction=".9 .4 .01 .001 .001"/></contact>'
+    model, data = scene(extra=pair)
+    models = dict(zip(*(lambda g: (g.links, g.models))(gf.Grasp.from_mujoco(model, data,
+                  "cube")), strict=True))  # fmt: skip
+    assert models["f1_distal"] == gf.PCWF(0.4)
+    assert models["f2_distal"] == gf.PCWF(0.5)
+
+
+def test_frictionless_contacts_alone_cannot_carry_the_cube():
+    model, data = scene(tip=f'friction="0 0 0" {PAD}')
+    problem = gf.Grasp.from_mujoco(model, data, "cube").problem(WEIGHT)
+    assert gf.solve(problem).status in (gf.Status.INFEASIBLE, gf.Status.WRENCH_UNREACHABLE)
+
+
+def test_pyramids_are_noted():
+    model, data = scene(options='cone="pyramidal"')
+    assert "pyramids lie inside" in gf.Grasp.from_mujoco(model, data, "cube").notes[-1]
+    model, data = scene()
+    assert gf.Grasp.from_mujoco(model, data, "cube").notes == ()
+
+
+# ---- what touches ------------------------------------------------------------------------------
+
+
+def test_the_palm_and_a_table_push_without_torque():
+    """The cube sits on a stand: its contacts have rows of W, but none of J."""
+    stand = """<body name="stand"><geom type="box" size=".02 .02 .0314" pos="0 0 .0312"
+      friction=".3 .01 .001" priority="2"/></body>"""
+    model, data = scene(world=CUBE + stand)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    on_stand = [link == "stand" for link in grasp.links]
+    assert sum(on_stand) == 4
+    assert len(on_stand) == 8
+    J = grasp.J.reshape(8, 3, 12)
+    assert not J[on_stand].any()
+    assert all(block.any() for block in J[~np.array(on_stand)])
+    c = measured(data, grasp, model)
+    np.testing.assert_allclose(grasp.W @ c, wrench_on(model, data, "cube"), atol=1e-9)
+    np.testing.assert_allclose(-grasp.J.T @ c, data.qfrc_constraint[ROBOT], atol=1e-9)
+    # Light finger forces will do; the stand carries the weight.
+    solution = gf.solve(grasp.problem(WEIGHT), check=True)
+    assert solution.verify().ok
+    assert all(solution.normal_forces[i] > 0 for i in range(8))
+
+
+def test_a_loose_neighbour_is_left_out_with_a_warning():
+    ball = """<body name="ball" pos="0 0 .1474"><freejoint/><geom size=".01" mass=".01"/></body>"""
+    model, data = scene(world=CUBE + ball)
+    assert data.ncon == 5
+    with pytest.warns(UserWarning, match="contact with 'ball' is left out: that body is loose"):
+        grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    assert len(grasp.contacts) == 4
+    assert "ball" in grasp.notes[0]
+
+
+def test_a_hand_on_a_mount_that_floats():
+    text = paper_hand_xml(world=CUBE, tip=PAD, options=FIRM)
+    text = text.replace('<body name="palm">', '<body name="palm"><freejoint/>')
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    ready = scene()[1]
+    data.qpos[7:] = ready.qpos
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    fixed = gf.Grasp.from_mujoco(*scene(), "cube")
+    np.testing.assert_allclose(grasp.J, fixed.J, atol=1e-12)
+    assert grasp.joint_names == fixed.joint_names
+
+
+def test_contacts_within_the_margin_but_not_active_do_not_count():
+    model, data = scene(tip=f'{PAD} gap=".01"')
+    data.qpos[0:3] = PaperHand("radial").inverse_kinematics(
+        [[0.0375 + 0.004 + 0.003, 0, 0.1], [0, 0.05, 0.1], [-0.05, 0, 0.1], [0, -0.05, 0.1]]
+    )[:3]
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 4
+    assert gf.Grasp.from_mujoco(model, data, "cube").links == (
+        "f2_distal", "f3_distal", "f4_distal"
+    )  # fmt: skip
+
+
+def test_the_torque_is_about_the_centre_of_mass():
+    lump = '<geom mass=".5" size=".005" pos=".02 0 .01" contype="0" conaffinity="0"/></body>'
+    model, data = scene(world=CUBE.replace("</body>", lump))
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    np.testing.assert_allclose(grasp.origin, [0.04 / 3, 0, 0.1 + 0.02 / 3], atol=1e-12)
+    np.testing.assert_array_equal(grasp.W, gf.grasp_map(grasp.contacts, data.body("cube").xipos))
+
+
+def test_the_body_by_number():
+    model, data = scene()
+    by_name = gf.Grasp.from_mujoco(model, data, "cube")
+    by_number = gf.Grasp.from_mujoco(model, data, model.body("cube").id)
+    np.testing.assert_array_equal(by_name.W, by_number.W)
+
+
+# ---- couplings ---------------------------------------------------------------------------------
+
+GRIPPER = """<mujoco><compiler autolimits="true"/><option gravity="0 0 -9.81" {options}/><worldbody>
+  <body name="cube"><freejoint/><geom type="box" size=".02 .02 .02" mass=".1"/></body>
+  <body name="mount"><geom size=".01" pos="0 0 .1"/>
+    <body name="left" pos="-.0248 0 .02">
+      <joint name="left" type="{kind}" axis="{left}" pos="0 0 .05"/>
+      <geom type="sphere" size=".005" pos="0 0 -.02" mass=".05" friction=".8 .005 .0001"/></body>
+    <body name="right" pos=".0248 0 .02">
+      <joint name="right" type="{kind}" axis="{right}" pos="0 0 .05"/>
+      <geom type="sphere" size=".005" pos="0 0 -.02" mass=".05" friction=".8 .005 .0001"/>
+      <geom size=".002" pos=".03 0 .02" mass=".02" contype="0" conaffinity="0"/></body>
+  </body></worldbody>
+  <tendon><fixed name="pull"><joint joint="left" coef=".5"/><joint joint="right" coef=".5"/></fixed>
+  </tendon>
+  <equality>{equality}</equality><actuator>{motors}</actuator></mujoco>"""
+
+
+def gripper(equality, motors, kind="hinge"):
+    axes = {"hinge": ("0 -1 0", "0 1 0"), "slide": ("1 0 0", "-1 0 0")}[kind]
+    model = mujoco.MjModel.from_xml_string(
+        GRIPPER.format(
+            options=FIRM, kind=kind, left=axes[0], right=axes[1], equality=equality, motors=motors
+        )
+    )
+    data = mujoco.MjData(model)
+    data.qvel[:] = np.random.default_rng(3).normal(size=model.nv) * 0.01
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+MIMIC = '<joint joint1="right" joint2="left" polycoef="0 .8 0 0 0"/>'
+
+
+@pytest.mark.parametrize("kind", ["hinge", "slide"])
+def test_a_mimic_finger_by_virtual_work(kind):
+    """The coupling's own forces do no work, so the motor's share is what contacts do to both."""
+    model, data = gripper(MIMIC, '<motor joint="left" forcerange="-1 1"/>', kind)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    assert grasp.joint_names == ("left",)
+    assert grasp.links == ("left", "right")
+    left, right = model.joint("left").dofadr[0], model.joint("right").dofadr[0]
+    c = measured(data, grasp, model)
+    constraint = data.qfrc_constraint  # contacts and coupling
+    done = constraint[left] + 0.8 * constraint[right]
+    np.testing.assert_allclose(-(grasp.J.T @ c), [done], atol=1e-9)
+    assert abs(done) > 1e-3
+    bias = data.qfrc_bias[left] + 0.8 * data.qfrc_bias[right]
+    np.testing.assert_allclose(grasp.tau_bias, [bias], atol=1e-12)
+    assert grasp.notes == ("'left' also moves 'right' by 0.8 per unit of its own motion",)
+    assert len(grasp.passive_rows) == 0
+
+
+def test_a_finger_that_only_follows_is_a_finger():
+    model, data = gripper(MIMIC, '<motor joint="left" forcerange="-1 1"/>')
+    data.qpos[model.jnt_qposadr[0]] += 0.003  # away from the left finger
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    assert grasp.links == ("right",)
+    assert grasp.J.any()
+
+
+def test_a_tendon_that_pulls_both_fingers():
+    """One motor, two joints, nothing that couples them: the difference is nobody's to control."""
+    model, data = gripper("", '<motor tendon="pull" forcerange="-40 40"/>')
+    with pytest.warns(UserWarning, match="no motor controls 1 of 2 motions of 'left', 'right'"):
+        grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    assert grasp.joint_names == ("pull",)
+    c = measured(data, grasp, model)
+    dofs = [model.joint(name).dofadr[0] for name in ("left", "right")]
+    # dl = (dq1 + dq2)/2 is the motor's, dz = (dq1 − dq2)/√2 is not.
+    done = data.qfrc_constraint[dofs]
+    np.testing.assert_allclose(-grasp.J.T @ c, [done.sum()], atol=1e-9)
+    rest = np.array([1, -1]) / 2**0.5
+    work, load = grasp.passive_rows @ c, grasp.passive_loads
+    sign = np.sign(work[0]) * np.sign(-(rest @ done))
+    np.testing.assert_allclose(work, [-sign * (rest @ done)], atol=1e-9)
+    np.testing.assert_allclose(load, [-sign * (rest @ data.qfrc_bias[dofs])], atol=1e-12)
+    problem = grasp.problem([0, 0, 0.981, 0, 0, 0])
+    assert problem.f.shape == (7,)
+    assert problem.f[6] == load[0]
+
+
+def test_what_a_passive_finger_is_made_to_bear():
+    """A finger without a motor leans on the cube: the contact bears its weight, nothing else."""
+    model, data = gripper("", '<motor joint="left" forcerange="-5 5"/>')
+    with pytest.warns(UserWarning, match="no motor controls 'right'"):
+        grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    c = np.linalg.lstsq(grasp.passive_rows, grasp.passive_loads, rcond=None)[0]
+    # c pushes the cube; what the finger feels is −c, and it must balance the finger's weight.
+    jacobian = np.zeros((3, model.nv))
+    right = model.body("right").id
+    mujoco.mj_jac(model, data, jacobian, None, grasp.contacts[1].point, right)
+    dof = model.joint("right").dofadr[0]
+    felt = jacobian[:, dof] @ -(grasp.contacts[1].frame @ c[3:])
+    assert felt == pytest.approx(data.qfrc_bias[dof], abs=1e-12)
+    assert abs(felt) > 1e-3
+
+
+# ---- limits ------------------------------------------------------------------------------------
+
+
+def test_motors_without_limits_need_tau_max():
+    motors = "".join(
+        f'<position joint="finger{i}_{each}" kp="5"/>'
+        for i in (1, 2, 3, 4)
+        for each in ("base", "pitch", "knee")
+    )
+    model, data = scene(actuators=motors)
+    with pytest.raises(gf.ModelImportError, match=r"no torque limit for finger1_base, .*tau_max"):
+        gf.Grasp.from_mujoco(model, data, "cube")
+    grasp = gf.Grasp.from_mujoco(model, data, "cube", tau_max=0.5)
+    assert grasp.tau_hi.tolist() == [0.5] * 12
+    assert gf.solve(grasp.problem(WEIGHT)).status is gf.Status.SOLVED
+
+
+def test_implausible_limits_are_reported_from_the_callers_line():
+    model, data = scene(joint='actuatorfrcrange="-50 50"', actuators="".join(
+        f'<motor joint="finger{i}_{each}"/>' for i in (1, 2, 3, 4)
+        for each in ("base", "pitch", "knee")))  # fmt: skip
+    with pytest.warns(UserWarning, match="50 N·m for finger1_base") as caught:
+        grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    assert caught[0].filename == __file__
+    assert grasp.tau_hi.tolist() == [50.0] * 12
+    assert "may be a placeholder" in grasp.notes[0]
+
+
+# ---- bad input ---------------------------------------------------------------------------------
+
+
+def refused(match, *arguments, **options):
+    with pytest.raises(gf.InvalidInputError, match=match):
+        gf.Grasp.from_mujoco(*arguments, **options)
+
+
+def test_names_that_are_not_there():
+    model, data = scene()
+    refused(r"object_body: got 'ball', .* expected one of world, palm, .*, cube$", model, data,
+            "ball")  # fmt: skip
+    refused("object_body: got 99, expected a body's name or its number below 15", model, data, 99)
+    refused(r"fingertips: got 'tip9', .*tip1, tip2", model, data, "cube", fingertips=["tip9"])
+    refused(r"tau_max: got a limit for 'knee'", model, data, "cube", tau_max={"knee": 1})
+
+
+def test_an_object_that_cannot_move():
+    model, data = scene()
+    refused("object_body: 'palm' is fixed to the world", model, data, "palm")
+
+
+def test_an_object_that_nothing_touches_names_the_fingers():
+    model, data = scene()
+    data.qpos[12:15] = 1, 1, 1
+    mujoco.mj_forward(model, data)
+    refused(
+        r"no finger is in contact with 'cube'.*: f1_distal, f2_distal, f3_distal, f4_distal$",
+        model, data, "cube",
+    )  # fmt: skip
+    # Lying on a table it is touched, but by no finger.
+    model, data = scene(world=CUBE + '<geom type="plane" size="1 1 .1" pos="0 0 -.5"/>')
+    data.qpos[12:15] = 1, 1, -0.5 + 0.0374
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 4
+    refused("no finger is in contact with 'cube'", model, data, "cube")
+
+
+def test_a_finger_that_has_to_touch_and_does_not():
+    model, data = scene()
+    data.qpos[[4, 10]] += 0.3  # two fingers lean outwards
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube", fingertips=["tip1", "f3_distal"])
+    assert grasp.links == ("f1_distal", "f3_distal")
+    refused(
+        "data: tip2, tip4 not in contact with 'cube', expected all of the fingertips tip1, tip2,",
+        model, data, "cube", fingertips=TIPS,
+    )  # fmt: skip
+
+
+def test_things_that_are_no_model_or_data():
+    model, data = scene()
+    refused("model: got a str, expected an mujoco.MjModel", "scene.xml", data, "cube")
+    refused("data: got a MjModel, expected an mujoco.MjData", model, model, "cube")
+
+
+def test_wrong_wrenches_are_refused_with_passive_joints_too():
+    model, data = gripper("", '<motor joint="left" forcerange="-5 5"/>')
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    with pytest.raises(gf.InvalidInputError, match=r"f: got shape \(7,\), expected shape \(6,\)"):
+        grasp.problem(np.zeros(7))
+
+
+def test_without_mujoco_the_error_names_the_pip_line(monkeypatch):
+    model, data = scene()
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    with pytest.raises(gf.MissingExtraError, match=r"pip install 'graspforce\[mujoco\]'"):
+        gf.Grasp.from_mujoco(model, data, "cube")
