@@ -59,7 +59,7 @@ def paper_hand_xml(
       </body>"""
     if actuators is None:
         actuators = "".join(
-            f'<motor name="m_{i}_{each}" joint="finger{i}_{each}" ctrllimited="true"'
+            f'<motor name="finger{i}_{each}_motor" joint="finger{i}_{each}" ctrllimited="true"'
             f' ctrlrange="-.5 .5"/>'
             for i in (1, 2, 3, 4)
             for each in ("base", "pitch", "knee")
@@ -80,3 +80,40 @@ def paper_hand_xml(
 
 
 TIPS = ("tip1", "tip2", "tip3", "tip4")
+
+
+def urdf_joint(name, parent, child, *, kind="revolute", origin="0 0 0", axis="1 0 0", more=None):
+    if more is None:
+        more = '<limit effort=".5" velocity="1" lower="-2" upper="2"/>'
+    return f"""<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+      <origin xyz="{origin}"/><axis xyz="{axis}"/>{more}</joint>"""
+
+
+def _urdf_link(name):
+    return f"""<link name="{name}"><inertial><origin xyz="0 0 .02"/><mass value=".03"/>
+      <inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+
+
+def urdf_robot(links, joints):
+    return f'<robot name="r">{"".join(map(_urdf_link, links))}{"".join(joints)}</robot>'
+
+
+def paper_hand_urdf(base_axis):
+    """The paper's hand: joints named and turning as PaperHand's."""
+    links, joints = ["palm"], []
+    radial = [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)]
+    for i, r in enumerate(radial, 1):
+        r = np.array(r)
+        bend = " ".join(map(str, np.cross([0, 0, 1], r)))
+        first = "0 0 1" if base_axis == "palm_normal" else " ".join(map(str, r))
+        links += [f"base{i}", f"proximal{i}", f"distal{i}", f"pad{i}"]
+        at = " ".join(map(str, 0.05 * r))
+        joints += [
+            urdf_joint(f"finger{i}_base", "palm", f"base{i}", origin=at, axis=first),
+            urdf_joint(f"finger{i}_pitch", f"base{i}", f"proximal{i}", axis=bend),
+            urdf_joint(
+                f"finger{i}_knee", f"proximal{i}", f"distal{i}", origin="0 0 .075", axis=bend
+            ),
+            urdf_joint(f"pad{i}_fixed", f"distal{i}", f"pad{i}", kind="fixed", origin="0 0 .075"),
+        ]
+    return urdf_robot(links, joints)

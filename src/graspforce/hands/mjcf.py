@@ -139,6 +139,8 @@ def _load(source: Any) -> Any:
     path = Path(source)
     if not path.is_file():
         raise ModelImportError(f"{path}: there is no such file")
+    if path.suffix.lower() == ".urdf":  # MuJoCo reads them, but finds no motors
+        raise ModelImportError(f"{path}: a URDF names no motors; hands.from_urdf reads it")
     try:
         model = mj.MjModel.from_xml_path(str(path))
     except ValueError as error:
