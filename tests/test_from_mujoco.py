@@ -318,11 +318,16 @@ GRIPPER = """<mujoco><compiler autolimits="true"/><option gravity="0 0 -9.81" {o
   <equality>{equality}</equality><actuator>{motors}</actuator></mujoco>"""
 
 
-def gripper(equality, motors, kind="hinge"):
+def gripper(equality, motors, kind="hinge", jacobian="auto"):
     axes = {"hinge": ("0 -1 0", "0 1 0"), "slide": ("1 0 0", "-1 0 0")}[kind]
     model = mujoco.MjModel.from_xml_string(
         GRIPPER.format(
-            options=FIRM, kind=kind, left=axes[0], right=axes[1], equality=equality, motors=motors
+            options=f'{FIRM} jacobian="{jacobian}"',
+            kind=kind,
+            left=axes[0],
+            right=axes[1],
+            equality=equality,
+            motors=motors,
         )
     )
     data = mujoco.MjData(model)
@@ -334,10 +339,11 @@ def gripper(equality, motors, kind="hinge"):
 MIMIC = '<joint joint1="right" joint2="left" polycoef="0 .8 0 0 0"/>'
 
 
+@pytest.mark.parametrize("jacobian", ["dense", "sparse"])
 @pytest.mark.parametrize("kind", ["hinge", "slide"])
-def test_a_mimic_finger_by_virtual_work(kind):
+def test_a_mimic_finger_by_virtual_work(kind, jacobian):
     """The coupling's own forces do no work, so the motor's share is what contacts do to both."""
-    model, data = gripper(MIMIC, '<motor joint="left" forcerange="-1 1"/>', kind)
+    model, data = gripper(MIMIC, '<motor joint="left" forcerange="-1 1"/>', kind, jacobian)
     grasp = gf.Grasp.from_mujoco(model, data, "cube")
     assert grasp.joint_names == ("left",)
     assert grasp.links == ("left", "right")
@@ -364,7 +370,7 @@ def test_a_finger_that_only_follows_is_a_finger():
 
 def test_a_tendon_that_pulls_both_fingers():
     """One motor, two joints, nothing that couples them: the difference is nobody's to control."""
-    model, data = gripper("", '<motor tendon="pull" forcerange="-40 40"/>')
+    model, data = gripper("", '<motor tendon="pull" forcerange="-15 15"/>')
     with pytest.warns(UserWarning, match="no motor controls 1 of 2 motions of 'left', 'right'"):
         grasp = gf.Grasp.from_mujoco(model, data, "cube")
     assert grasp.joint_names == ("pull",)
@@ -439,7 +445,10 @@ def test_names_that_are_not_there():
     model, data = scene()
     refused(r"object_body: got 'ball', .* expected one of world, palm, .*, cube$", model, data,
             "ball")  # fmt: skip
-    refused("object_body: got 99, expected a body's name or its number below 15", model, data, 99)
+    for bad in (99, -1, None, 1.5):
+        refused(f"object_body: got {bad}, expected a body's name or its number, below 15", model,
+                data, bad)  # fmt: skip
+    refused("fingertips: got 'tip1', expected names", model, data, "cube", fingertips="tip1")
     refused(r"fingertips: got 'tip9', .*tip1, tip2", model, data, "cube", fingertips=["tip9"])
     refused(r"tau_max: got a limit for 'knee'", model, data, "cube", tau_max={"knee": 1})
 

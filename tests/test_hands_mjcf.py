@@ -377,6 +377,40 @@ def test_a_grippers_slide_may_pull_harder():
     assert from_mjcf(compiled(xml), ["tip"]).notes == ()
 
 
+def test_a_tendon_is_judged_by_the_torque_it_makes():
+    tendon = TENDON.replace('".01"', '"1"').replace('".02"', '"1"')  # as long as the angles' sum
+    xml = finger(HINGES, motor("a") + '<motor tendon="curl" forcerange="-15 15"/>', tendon)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        from_mjcf(compiled(xml), ["tip"])
+    assert "limit of 15 N for curl may be a placeholder" in str(caught[0].message)
+
+
+def test_motors_of_ball_joints_elsewhere_do_not_shift_the_others():
+    """Such a motor has three inputs and outputs, so that numbers of motors and inputs differ."""
+    ball = '<body name="ball"><joint name="ball" type="ball"/><geom size=".01"/></body>'
+    xml = finger(HINGES, "".join(map(motor, "abc", ['ctrlrange="-.3 .4" gear="2"'] * 3)))
+    plain = from_mjcf(compiled(xml), ["tip"])
+    xml = xml.replace("<worldbody>", f"<worldbody>{ball}")
+    xml = xml.replace("<actuator>", '<actuator><orientation name="turner" joint="ball"/>')
+    hand = from_mjcf(compiled(xml), ["tip"])
+    assert hand.tau_hi.tolist() == plain.tau_hi.tolist() == [0.8] * 3
+    assert hand.notes == ("motor 'turner' is left out: it drives neither a joint nor a tendon",)
+    contacts = contacts_at([[0, 0, 0.1]], np.random.default_rng(9), [gf.PCWF(0.5)])
+    q = [0.1, 0.2, 0.3]
+    np.testing.assert_array_equal(hand.jacobian(contacts, q), plain.jacobian(contacts, q))
+
+
+def test_two_motors_on_one_motion_share_its_load():
+    xml = finger(HINGES, "".join(map(motor, "abc")), FOLLOWING["a line"][0])
+    alone = finger(HINGES, "".join(map(motor, "ab")), FOLLOWING["a line"][0])
+    both, one = (from_mjcf(compiled(each), ["tip"]) for each in (xml, alone))
+    assert both.joint_names == ("a", "b", "c")
+    contacts = contacts_at([[0, 0, 0.1]], np.random.default_rng(9), [gf.PCWF(0.5)])
+    J, expected = both.jacobian(contacts, [0.1, 0.2]), one.jacobian(contacts, [0.1, 0.2])
+    np.testing.assert_allclose(J[:, 1] + 0.7 * J[:, 2], expected[:, 1], atol=1e-14)
+
+
 def test_no_limit_at_all_is_refused_with_the_way_out():
     xml = finger(HINGES, motor("a") + motor("b", "") + '<position joint="c" ctrlrange="-1 1"/>')
     with pytest.raises(gf.ModelImportError, match=r"no torque limit for b, c: give tau_max"):
@@ -434,6 +468,7 @@ def test_names_that_are_not_there_list_those_that_are():
 def test_fingertips_of_the_wrong_kind():
     refused(r"fingertips: got \[\], expected names of at least one link", [])
     refused("fingertips: got 'tip1', expected names", "tip1")
+    refused("fingertips: got 3, expected names", 3)
     refused("fingertips: got 'tip1' twice", ["tip1", "tip2", "tip1"])
 
 

@@ -14,7 +14,7 @@ from graspforce._arrays import Array
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.errors import InvalidInputError
 from graspforce.hands.hand import Reading
-from graspforce.hands.imported import as_link
+from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.mujoco_model import (
     Drive,
     MujocoPosture,
@@ -95,11 +95,13 @@ def _object(model: Any, object_body: str | int) -> int:
         as_link(object_body, "object_body", [name for name in names if name])
         body = names.index(object_body)
     else:
-        body = int(object_body)
-        if not 0 <= body < model.nbody:
+        number: object = object_body  # whatever came
+        if not isinstance(number, int | np.integer) or not 0 <= number < model.nbody:
             raise InvalidInputError(
-                f"object_body: got {body}, expected a body's name or its number below {model.nbody}"
+                f"object_body: got {object_body!r}, expected a body's name or its number, below "
+                f"{model.nbody}"
             )
+        body = int(object_body)
     if not model.body_weldid[body]:
         raise InvalidInputError(
             f"object_body: {object_body!r} is fixed to the world, expected a body that can move"
@@ -167,9 +169,8 @@ def _bias(model: Any, data: Any) -> Array:
 
 def _require(model: Any, held: int, bodies: Sequence[int], fingertips: Sequence[str]) -> None:
     """Raise unless each of the fingertips touches the object."""
-    links = links_of(model)
     touching = {int(model.body_weldid[body]) for body in bodies}
-    tips = {tip: body_of(model, as_link(tip, "fingertips", links)) for tip in fingertips}
+    tips = {tip: body_of(model, tip) for tip in as_fingertips(fingertips, links_of(model))}
     absent = [tip for tip, body in tips.items() if int(model.body_weldid[body]) not in touching]
     if absent:
         name = name_of(model, mujoco_module().mjtObj.mjOBJ_BODY, held)

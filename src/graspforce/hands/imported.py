@@ -150,7 +150,8 @@ def as_fingertips(
     Raises:
         InvalidInputError: none, one twice, or one that is no link; the text lists the links.
     """
-    if isinstance(fingertips, str) or not fingertips:
+    several = isinstance(fingertips, Sequence | Mapping) and not isinstance(fingertips, str)  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not several or not fingertips:
         raise InvalidInputError(
             f"fingertips: got {fingertips!r}, expected names of at least one link, as a list or "
             f"a mapping from the fingers' names"

@@ -17,7 +17,8 @@ from graspforce.errors import InvalidInputError, ModelImportError
 
 # From here on a limit is reported. No finger joint gives 10 N·m; a leg's does, and its user can
 # say so with tau_max. A gripper's slide or a tendon may well pull with 100 N.
-IMPLAUSIBLE = {"N·m": 10.0, "N": 1000.0}
+IMPLAUSIBLE_TORQUE = 10.0
+IMPLAUSIBLE_FORCE = 1000.0
 
 
 class DriveLimit(NamedTuple):
@@ -27,6 +28,8 @@ class DriveLimit(NamedTuple):
     unit: str
     lo: float
     hi: float
+    lever: float
+    """The largest torque at a hinge per unit of the drive's own; 0 where there is no hinge."""
 
 
 class Limits(NamedTuple):
@@ -84,7 +87,10 @@ def limits(drives: Sequence[DriveLimit], given: Mapping[str, float]) -> Limits:
     doubted: dict[str, list[str]] = {}
     for each in drives:
         size = max(-each.lo, each.hi)
-        if each.name not in given and size >= IMPLAUSIBLE[each.unit]:
+        large = size * each.lever >= IMPLAUSIBLE_TORQUE or (
+            each.unit == "N" and size >= IMPLAUSIBLE_FORCE
+        )
+        if large and each.name not in given:
             doubted.setdefault(f"{size:g} {each.unit}", []).append(each.name)
     return Limits(
         np.array([-given[each.name] if each.name in given else each.lo for each in drives]),

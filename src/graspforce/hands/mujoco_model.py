@@ -37,8 +37,8 @@ class Drive(NamedTuple):
     """A joint or tendon with motors."""
 
     limit: DriveLimit
-    actuator: int
-    """One of its motors, whose moment arms over ``gear`` are the drive's."""
+    output: int
+    """The output of one of its motors, whose moment arms over ``gear`` are the drive's."""
     gear: float
 
 
@@ -50,9 +50,10 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
     hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
     found: dict[tuple[bool, int], Drive] = {}
     notes: list[str] = []
-    for motor in range(model.nu):
+    for motor in range(model.nactuator):
         kind, target = int(model.actuator_trntype[motor]), int(model.actuator_trnid[motor, 0])
-        gear = float(model.actuator_gear[motor, 0])
+        output = int(model.actuator_outadr[motor])  # of a motor for a ball joint, the first of 3
+        gear = float(model.actuator_gear[output, 0])
         at_tendon = kind == tendon_type
         at_joint = kind in joint_types and int(model.jnt_type[target]) in (hinge, slide)
         if not gear or not (at_tendon or at_joint):
@@ -66,9 +67,12 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
             found[at_tendon, target] = other._replace(limit=limit)
             continue
         kind_of_object = mj.mjtObj.mjOBJ_TENDON if at_tendon else mj.mjtObj.mjOBJ_JOINT
-        unit = "N·m" if at_joint and int(model.jnt_type[target]) == hinge else "N"
-        limit = DriveLimit(name_of(model, kind_of_object, target), unit, low, high)
-        found[at_tendon, target] = Drive(limit, motor, gear)
+        at_hinge = at_joint and int(model.jnt_type[target]) == hinge
+        limit = DriveLimit(
+            name_of(model, kind_of_object, target), "N·m" if at_hinge else "N", low, high,
+            _lever(mj, model, target) if at_tendon else float(at_hinge),
+        )  # fmt: skip
+        found[at_tendon, target] = Drive(limit, output, gear)
     for (at_tendon, target), drive in found.items():
         which = "tendon" if at_tendon else "jnt"
         if getattr(model, f"{which}_actfrclimited")[target]:
@@ -86,27 +90,41 @@ def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
     if model.actuator_forcelimited[motor]:
         low, high = model.actuator_forcerange[motor]
     filters = (mj.mjtDyn.mjDYN_NONE, mj.mjtDyn.mjDYN_FILTER, mj.mjtDyn.mjDYN_FILTEREXACT)
+    input_ = int(model.actuator_ctrladr[motor])
     force_is_gain_times_control = (
-        model.actuator_gaintype[motor] == int(mj.mjtGain.mjGAIN_FIXED)
+        model.actuator_ctrlnum[motor] == 1
+        and model.actuator_gaintype[motor] == int(mj.mjtGain.mjGAIN_FIXED)
         and model.actuator_biastype[motor] == int(mj.mjtBias.mjBIAS_NONE)
         and model.actuator_dyntype[motor] in [int(each) for each in filters]
     )
-    if force_is_gain_times_control and model.actuator_ctrllimited[motor]:
-        ends = sorted(model.actuator_gainprm[motor, 0] * model.actuator_ctrlrange[motor])
+    if force_is_gain_times_control and model.actuator_ctrllimited[input_]:
+        ends = sorted(model.actuator_gainprm[motor, 0] * model.actuator_ctrlrange[input_])
         low, high = max(low, ends[0]), min(high, ends[1])
     return float(low), float(high)
+
+
+def _lever(mj: Any, model: Any, tendon: int) -> float:
+    """Return the longest arm of a tendon at a hinge that the model states [m]; 0 for none."""
+    first = int(model.tendon_adr[tendon])
+    arms = [
+        abs(float(model.wrap_prm[i]))
+        for i in range(first, first + int(model.tendon_num[tendon]))
+        if model.wrap_type[i] == int(mj.mjtWrap.mjWRAP_JOINT)
+        and model.jnt_type[model.wrap_objid[i]] == int(mj.mjtJoint.mjJNT_HINGE)
+    ]
+    return max(arms, default=0.0)
 
 
 def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
     """Return the drives' motions by joint motion, shape (n_drives, nv), at data's posture."""
     mj = mujoco_module()
-    moments = np.zeros((model.nu, model.nv))
-    if model.nu:
+    moments = np.zeros((model.nout, model.nv))
+    if model.nout:
         mj.mju_sparse2dense(
             moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
             data.moment_colind,
         )  # fmt: skip
-    return np.array([moments[drive.actuator] / drive.gear for drive in each]).reshape(-1, model.nv)
+    return np.array([moments[drive.output] / drive.gear for drive in each]).reshape(-1, model.nv)
 
 
 def coupling_rows(model: Any, data: Any) -> Array:

@@ -46,9 +46,12 @@ def joint_drives(model: Any) -> list[JointDrive]:
         if int(model.nvs[joint]) != 1:
             continue
         dof = int(model.idx_vs[joint])
-        unit = "N" if str(model.joints[joint].shortname()).startswith("JointModelP") else "N·m"
+        slides = str(model.joints[joint].shortname()).startswith("JointModelP")
         low, high = float(model.lowerEffortLimit[dof]), float(model.upperEffortLimit[dof])
-        found.append(JointDrive(DriveLimit(str(model.names[joint]), unit, low, high), dof))
+        limit = DriveLimit(
+            str(model.names[joint]), "N" if slides else "N·m", low, high, float(not slides)
+        )
+        found.append(JointDrive(limit, dof))
     return found
 
 

@@ -63,7 +63,7 @@ def from_urdf(
     mimics = _mimics(path)
     try:
         model = pin.buildModelFromUrdf(str(path))
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:
         raise ModelImportError(f"{path}: not a robot that Pinocchio reads: {error}") from error
     tips = as_fingertips(fingertips, tuple(frames_of(model)))
     links = tuple(dict.fromkeys(tips.values()))
