@@ -87,7 +87,7 @@ def read(
     )
 
 
-def _object(model: Any, object_body: str | int) -> int:
+def _object(model: Any, object_body: object) -> int:
     """Return the number of the object's body, which has to be able to move."""
     mj = mujoco_module()
     if isinstance(object_body, str):
@@ -95,8 +95,7 @@ def _object(model: Any, object_body: str | int) -> int:
         as_link(object_body, "object_body", [name for name in names if name])
         body = names.index(object_body)
     else:
-        number: object = object_body  # whatever came
-        if not isinstance(number, int | np.integer) or not 0 <= number < model.nbody:
+        if not isinstance(object_body, int | np.integer) or not 0 <= object_body < model.nbody:
             raise InvalidInputError(
                 f"object_body: got {object_body!r}, expected a body's name or its number, below "
                 f"{model.nbody}"
