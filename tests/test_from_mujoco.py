@@ -69,21 +69,30 @@ def wrench_on(model, data, body):
 # ---- the simulator's own forces ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("cube_first", [False, True])
+BALL = """<body name="cube" pos="0 0 .1"><freejoint/>
+  <geom type="sphere" size=".0375" mass=".25"/></body>"""
+
+
+@pytest.mark.parametrize("first", [False, True])
 @pytest.mark.parametrize("condim", [1, 3, 4])
-def test_w_and_j_are_the_simulators(condim, cube_first):
-    """W c is what the contacts do to the cube, −J.T c what they do to the joints."""
+def test_w_and_j_are_the_simulators(condim, first):
+    """W c is what the contacts do to the object, −J.T c what they do to the joints."""
     tip = f'condim="{condim}" friction=".5 .01 .0001" {PAD}'
-    if cube_first:  # MuJoCo's normals then point out of it: it comes before the hand's geoms
-        text = paper_hand_xml(tip=tip, options=FIRM).replace("<worldbody>", f"<worldbody>{CUBE}")
+    model, data = scene(tip=tip, into=1e-3)
+    if first:  # MuJoCo puts spheres before boxes: the normals then point out of the object
+        text = paper_hand_xml(world=BALL, tip=tip, options=FIRM)
+        for i in (1, 2, 3, 4):
+            text = text.replace(
+                f'"f{i}_pad" type="sphere" size=".004"',
+                f'"f{i}_pad" type="box" size=".004 .004 .004" euler=".1 .2 .3"',
+            )
+        ready = data.qpos
         model = mujoco.MjModel.from_xml_string(text)
         data = mujoco.MjData(model)
-        ready = scene(tip=tip, into=1e-3)[1]
-        data.qpos[:] = np.concatenate((ready.qpos[12:], ready.qpos[:12]))
-        robot = slice(6, 18)
-    else:
-        model, data = scene(tip=tip, into=1e-3)
-        robot = ROBOT
+        data.qpos[:] = ready
+    mujoco.mj_forward(model, data)
+    assert first == bool(model.geom_bodyid[data.contact.geom[0, 0]] == model.body("cube").id)
+    robot = ROBOT
     rng = np.random.default_rng(condim)
     data.qvel[:] = rng.normal(size=model.nv) * 0.03
     mujoco.mj_forward(model, data)
@@ -403,6 +412,16 @@ def test_what_a_passive_finger_is_made_to_bear():
     felt = jacobian[:, dof] @ -(grasp.contacts[1].frame @ c[3:])
     assert felt == pytest.approx(data.qfrc_bias[dof], abs=1e-12)
     assert abs(felt) > 1e-3
+
+
+def test_a_passive_finger_that_touches_nothing_is_nobodys_concern():
+    model, data = gripper("", '<motor joint="left" forcerange="-5 5"/>')
+    data.qpos[model.joint("right").qposadr] = -0.1
+    data.qvel[:] = 0
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    assert grasp.links == ("left",)
+    assert grasp.passive_rows.shape == (0, 3)
 
 
 # ---- limits ------------------------------------------------------------------------------------

@@ -308,6 +308,41 @@ def test_a_parallelogram_linkage():
         assert len(hand.passive_rows([contact], q)) == 0
 
 
+def test_free_motions_that_the_contacts_cannot_load_are_no_equations():
+    """Two fingers with a motorless last joint each; contacts on one tip and on the other's base."""
+
+    def one(name, y):
+        return f"""<body name="{name}1" pos="0 {y} 0"><joint name="{name}1" axis="1 0 0"/>
+          <geom size=".01"/><body name="{name}2" pos="0 0 .05"><joint name="{name}2" axis="1 0 0"/>
+          <geom size=".01"/></body></body>"""
+
+    xml = f"""<mujoco><compiler autolimits="true"/><worldbody>{one("l", -0.05)}{one("r", 0.05)}
+      </worldbody><actuator>{motor("l1")}{motor("r1")}</actuator></mujoco>"""
+    with pytest.warns(UserWarning, match="no motor controls '[lr]2'"):
+        hand = from_mjcf(compiled(xml), ["l2", "r2"])
+    contacts = contacts_at([[0, -0.05, 0.1], [0, 0.05, 0.1]], np.random.default_rng(1),
+                           [gf.PCWF(0.5)] * 2)  # fmt: skip
+    assert hand.passive_rows(contacts, np.zeros(4)).shape == (2, 6)
+    rows = hand.touching(["l2", "r1"]).passive_rows(contacts, np.zeros(4))
+    assert rows.shape == (1, 6)
+    assert rows[0, :3].any()
+    assert not rows[0, 3:].any()
+
+
+def test_a_loose_body_tied_to_a_finger_is_not_held_for_it():
+    tied = '<equality><connect body1="link_c" body2="toy" anchor="0 0 .02"/></equality>'
+    xml = finger(HINGES, "".join(map(motor, "abc")))
+    with_toy = xml.replace(
+        "<worldbody>", '<worldbody><body name="toy"><freejoint/><geom size=".01"/></body>'
+    ).replace("</mujoco>", tied + "</mujoco>")
+    contacts = contacts_at([[0, 0, 0.1]], np.random.default_rng(9), [gf.PCWF(0.5)])
+    hand, plain = from_mjcf(compiled(with_toy), ["tip"]), from_mjcf(compiled(xml), ["tip"])
+    q = [0.1, 0.2, 0.3]
+    np.testing.assert_allclose(hand.jacobian(contacts, q), plain.jacobian(contacts, q), atol=1e-15)
+    with pytest.raises(gf.InvalidInputError, match="names: got 'toy'"):
+        hand.touching(["toy"])
+
+
 def test_a_joint_without_a_motor_is_an_equation():
     with pytest.warns(UserWarning, match="no motor controls 'c'"):
         hand = from_mjcf(compiled(finger(HINGES, motor("a") + motor("b"))), ["tip"])

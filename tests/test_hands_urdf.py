@@ -398,6 +398,9 @@ def test_pinocchios_own_mimic_joints_are_the_files():
     grasp = gf.Grasp.from_pinocchio(model, q, contacts, tips, tau_max=20.0)
     np.testing.assert_allclose(grasp.J, hand.jacobian(contacts, q), atol=1e-12)
     assert grasp.joint_names == hand.joint_names
+    follower = gf.Grasp.from_pinocchio(model, q, contacts[1:], tips[1:], tau_max=20.0)
+    assert follower.joint_names[-1] == "panda_finger_joint1"
+    np.testing.assert_allclose(follower.J, grasp.J[3:], atol=1e-12)
 
 
 def test_a_passive_joint_bears_what_it_weighs(written):

@@ -5,8 +5,9 @@ Everything is read from where ``mj_step`` or ``mj_forward`` has left it, hence a
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 
@@ -95,12 +96,12 @@ def _object(model: Any, object_body: object) -> int:
         as_link(object_body, "object_body", [name for name in names if name])
         body = names.index(object_body)
     else:
-        if not isinstance(object_body, int | np.integer) or not 0 <= object_body < model.nbody:
+        body = operator.index(object_body) if isinstance(object_body, SupportsIndex) else -1
+        if not 0 <= body < model.nbody:
             raise InvalidInputError(
                 f"object_body: got {object_body!r}, expected a body's name or its number, below "
                 f"{model.nbody}"
             )
-        body = int(object_body)
     if not model.body_weldid[body]:
         raise InvalidInputError(
             f"object_body: {object_body!r} is fixed to the world, expected a body that can move"
