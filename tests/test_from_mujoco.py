@@ -499,6 +499,7 @@ def test_a_finger_that_has_to_touch_and_does_not():
     mujoco.mj_forward(model, data)
     grasp = gf.Grasp.from_mujoco(model, data, "cube", fingertips=["tip1", "f3_distal"])
     assert grasp.links == ("f1_distal", "f3_distal")
+    assert grasp.notes == ("not in contact with 'cube': f2_distal, f4_distal",)
     refused(
         "data: tip2, tip4 not in contact with 'cube', expected all of the fingertips tip1, tip2,",
         model, data, "cube", fingertips=TIPS,

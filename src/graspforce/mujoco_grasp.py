@@ -49,19 +49,21 @@ def read(
         ModelImportError: a drive without a torque limit.
     """
     mj = mujoco_module()
-    for given, kind, name in ((model, mj.MjModel, "model"), (data, mj.MjData, "data")):
+    for given, kind, argument in ((model, mj.MjModel, "model"), (data, mj.MjData, "data")):
         if not isinstance(given, kind):
             raise InvalidInputError(
-                f"{name}: got a {type(given).__name__}, expected an mujoco.{kind.__name__}"
+                f"{argument}: got a {type(given).__name__}, expected an mujoco.{kind.__name__}"
             )
     held = _object(model, object_body)
     candidates, motor_notes = drives(model)
     moments = drive_rows(model, data, candidates)
     contacts, bodies, contact_notes = _contacts(model, data, held, moments)
+    name = name_of(model, mj.mjtObj.mjOBJ_BODY, held)
     if fingertips is not None:
-        _require(model, held, bodies, fingertips)
+        _require(model, name, bodies, fingertips)
+    absent = _absent(model, data, bodies, moments)
     if not bodies:
-        raise _not_held(model, data, held, moments)
+        raise _not_held(name, absent)
     moved = what_moves(model, data, bodies, candidates)
 
     def posture_with(drives: Sequence[Drive]) -> MujocoPosture:
@@ -69,13 +71,15 @@ def read(
 
     hand = actuate(posture_with, moved.drives, tau_max)
     if not hand.joint_names:
-        raise _not_held(model, data, held, moments)
+        raise _not_held(name, absent)
     twists = [
         hand.posture.body_twist(body, contact.point)
         for contact, body in zip(contacts, bodies, strict=True)
     ]
     doubts = (*contact_notes, *hand.doubts)
     notes = [*hand.notes, *motor_notes]
+    if absent:
+        notes.append(f"not in contact with {name!r}: {', '.join(absent)}")
     if int(model.opt.cone) == int(mj.mjtCone.mjCONE_PYRAMIDAL):
         notes.append("the simulation's friction pyramids lie inside the exact cones of the grasp")
     warn(doubts, stacklevel=3)
@@ -167,33 +171,36 @@ def _bias(model: Any, data: Any) -> Array:
     return np.array(data.qfrc_bias - passive - by_motor)
 
 
-def _require(model: Any, held: int, bodies: Sequence[int], fingertips: Sequence[str]) -> None:
+def _require(model: Any, name: str, bodies: Sequence[int], fingertips: Sequence[str]) -> None:
     """Raise unless each of the fingertips touches the object."""
     touching = {int(model.body_weldid[body]) for body in bodies}
     tips = {tip: body_of(model, tip) for tip in as_fingertips(fingertips, links_of(model))}
     absent = [tip for tip, body in tips.items() if int(model.body_weldid[body]) not in touching]
     if absent:
-        name = name_of(model, mujoco_module().mjtObj.mjOBJ_BODY, held)
         raise InvalidInputError(
             f"data: {', '.join(absent)} not in contact with {name!r}, expected all of the "
             f"fingertips {', '.join(tips)} to be"
         )
 
 
-def _not_held(model: Any, data: Any, held: int, moments: Array) -> InvalidInputError:
-    """Return the complaint that no finger touches the object, with the fingers that could."""
-    body = mujoco_module().mjtObj.mjOBJ_BODY
-    couplings = coupling_rows(model, data)
+def _absent(model: Any, data: Any, bodies: Sequence[int], moments: Array) -> list[str]:
+    """Return the last bodies of the fingers, as far as they are not among ``bodies``."""
     driven = np.zeros(model.nv, dtype=bool)
     driven[np.nonzero(moments)[1]] = True
-    driven[connected_dofs(driven, couplings)] = True
-    fingers = [
-        name_of(model, body, i)
-        for i in range(1, model.nbody)
-        if i not in model.body_parentid and (dofs_above(model, i) & driven).any()
+    driven[connected_dofs(driven, coupling_rows(model, data))] = True
+    touching = {int(model.body_weldid[body]) for body in bodies}
+    inner = set(model.body_parentid.tolist())
+    return [
+        name_of(model, mujoco_module().mjtObj.mjOBJ_BODY, body)
+        for body in range(1, model.nbody)
+        if body not in inner
+        and int(model.body_weldid[body]) not in touching
+        and (dofs_above(model, body) & driven).any()
     ]
+
+
+def _not_held(name: str, absent: Sequence[str]) -> InvalidInputError:
     return InvalidInputError(
-        f"data: no finger is in contact with {name_of(model, body, held)!r} (read after mj_step "
-        f"or mj_forward); fingers without contact: "
-        f"{', '.join(fingers) or 'none, as no motor moves any body'}"
+        f"data: no finger is in contact with {name!r} (read after mj_step or mj_forward); fingers "
+        f"without contact: {', '.join(absent) or 'none, as no motor moves any body'}"
     )
