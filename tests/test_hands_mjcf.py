@@ -465,7 +465,10 @@ def test_a_range_of_nothing_is_no_motor():
     with pytest.warns(UserWarning, match="no motor controls 'c'"):
         hand = from_mjcf(compiled(xml), ["tip"])
     assert hand.joint_names == ("a", "b")
-    assert "the file gives 'c' no torque at all: taken as without a motor" in hand.notes
+    assert (
+        "the file gives 'c' no torque at all: taken as without a motor; tau_max gives it one"
+        in hand.notes
+    )
     assert from_mjcf(compiled(xml), ["tip"], tau_max=1).joint_names == ("a", "b", "c")
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array
+from graspforce._arrays import Array, as_array
 from graspforce.contact import Contact
 
 
@@ -37,8 +37,8 @@ class Hand(Protocol):
         Args:
             contacts: n contacts in the hand's frame; which finger makes which contact is the
                 hand's to say.
-            q: joint angles, shape (n_joints,) [rad]; a hand some of whose joints no motor moves
-                by itself asks for those as well.
+            q: joint angles, shape (n_joints,) [rad]; an :class:`UnderactuatedHand` asks for
+                more.
         """
         ...
 
@@ -46,6 +46,11 @@ class Hand(Protocol):
 @runtime_checkable
 class UnderactuatedHand(Hand, Protocol):
     """A hand that can move without a motor moving; the contacts must not load such motions."""
+
+    @property
+    def q_names(self) -> tuple[str, ...]:
+        """The joints whose angles q holds, in its order: more than have motors of their own."""
+        ...
 
     def passive_rows(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
         """Return the k equations ``rows @ c = 0`` of the motions that no motor moves.
@@ -88,11 +93,15 @@ class Reading(NamedTuple):
 
 
 def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuation:
-    """Return what a hand brings into the force problem; the weight of its links is left out."""
+    """Return what a hand brings into the force problem; the weight of its links is left out.
+
+    Raises:
+        InvalidInputError: q has not as many angles as the hand asks for.
+    """
+    underactuated = isinstance(hand, UnderactuatedHand)
+    q = as_array(q, "q", (len(hand.q_names if underactuated else hand.joint_names),))
     J = hand.jacobian(contacts, q)
-    passive = np.zeros((0, J.shape[0]))
-    if isinstance(hand, UnderactuatedHand):
-        passive = hand.passive_rows(contacts, q)
+    passive = hand.passive_rows(contacts, q) if underactuated else np.zeros((0, J.shape[0]))
     return Actuation(
         hand.joint_names, J, hand.tau_lo, hand.tau_hi, np.zeros(J.shape[1]),
         passive, np.zeros(len(passive)),

@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike
 from graspforce._arrays import Array, as_array
 from graspforce.contact import Contact, as_contacts
 from graspforce.errors import InvalidInputError, ModelImportError
-from graspforce.hands.posture import Posture, full_jacobian, loaded_motions
+from graspforce.hands.posture import (
+    Actuated,
+    D,
+    P,
+    Posture,
+    full_jacobian,
+    idle_notes,
+    loaded_motions,
+)
 
 
 class Robot(Protocol):
@@ -167,23 +175,20 @@ def as_fingertips(
     return {finger: as_link(link, "fingertips", links) for finger, link in fingertips.items()}
 
 
-def fingers_of(
-    posture: Posture, fingertips: Mapping[str, str], joint_names: Sequence[str]
-) -> dict[str, tuple[str, ...]]:
+def fingers_of(hand: Actuated[P, D], fingertips: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
     """Return the drives that move each finger's fingertip.
 
     Raises:
         ModelImportError: nothing moves one of them.
     """
     fingers: dict[str, tuple[str, ...]] = {}
-    driven = np.abs(posture.transmission.driven)
+    driven = np.abs(hand.posture.transmission.driven)
     for finger, link in fingertips.items():
-        moves = np.abs(posture.twist(link, None)) @ driven  # no cancelling: not by chance 0
+        moves = np.abs(hand.posture.twist(link, None)) @ driven  # no cancelling: not by chance 0
         fingers[finger] = tuple(
-            name for name, column in zip(joint_names, moves.T, strict=True) if column.any()
+            name for name, column in zip(hand.joint_names, moves.T, strict=True) if column.any()
         )
         if not fingers[finger]:
-            raise ModelImportError(
-                f"finger {finger!r} has no actuated joint: no motor moves {link!r}"
-            )
+            reasons = (f"no motor moves {link!r}", *idle_notes(hand.idle))
+            raise ModelImportError(f"finger {finger!r} has no actuated joint: {'; '.join(reasons)}")
     return fingers

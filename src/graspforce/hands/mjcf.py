@@ -72,7 +72,7 @@ def from_mjcf(
         return MujocoPosture(model, data, moved.dofs, drives)
 
     hand = actuate(posture_with, moved.drives, tau_max)
-    fingers = fingers_of(hand.posture, tips, hand.joint_names)
+    fingers = fingers_of(hand, tips)
     robot = MujocoRobot(
         model, moved.dofs, hand.drives, _joints(model, moved.dofs.tolist(), hand.joint_names),
         _links(model, moved.dofs, drive_rows(model, data, candidates)),

@@ -66,6 +66,8 @@ class Actuated(NamedTuple, Generic[P, D]):
     """What should not be believed silently, a sentence each."""
     notes: tuple[str, ...]
     """What else there is to know."""
+    idle: tuple[str, ...]
+    """Drives whose motors have no torque."""
 
     def actuation(self, full: Array, bias: Array) -> Actuation:
         """Return what the joints bring into the force problem.
@@ -99,12 +101,19 @@ def actuate(
     allowed = limits([each.limit for each in kept], given)
     posture = posture_with(kept)
     joint_names = tuple(each.limit.name for each in kept)
-    notes = [f"the file gives {name!r} no torque at all: taken as without a motor" for name in idle]
     return Actuated(
         posture, tuple(kept), joint_names, allowed.lo, allowed.hi,
         (*allowed.reports, *_uncontrolled(posture)),
-        (*notes, *_coupling_notes(posture, joint_names)),
+        (*idle_notes(idle), *_coupling_notes(posture, joint_names)), tuple(idle),
     )  # fmt: skip
+
+
+def idle_notes(idle: Sequence[str]) -> list[str]:
+    """Say which motors the file gives no torque, a sentence each."""
+    return [
+        f"the file gives {name!r} no torque at all: taken as without a motor; tau_max gives it one"
+        for name in idle
+    ]
 
 
 def warn(doubts: Sequence[str], stacklevel: int) -> None:

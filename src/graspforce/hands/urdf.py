@@ -80,7 +80,7 @@ def from_urdf(
         return PinocchioPosture(model, pin.neutral(model), dofs, drives, couplings)
 
     hand = actuate(posture_with, drives, tau_max)
-    fingers = fingers_of(hand.posture, tips, hand.joint_names)
+    fingers = fingers_of(hand, tips)
     free = tuple(name for name in hand.posture.dof_names if name not in following)
     robot = PinocchioRobot(model, dofs, hand.drives, couplings, free, mimics)
     warn(hand.doubts, stacklevel=2)
