@@ -461,7 +461,7 @@ def test_fingers_without_a_motor(written):
     with pytest.raises(gf.ModelImportError, match="finger 'palm' has no actuated joint"):
         from_urdf(written(paper_hand_urdf("radial")), ["pad1", "palm"])
     path = written(with_efforts(0, 0, 0))
-    with pytest.raises(gf.ModelImportError, match="finger 'tip' has no actuated joint: .*tau_max"):
+    with pytest.raises(gf.ModelImportError, match=r"finger 'tip' has no actuated joint: .*tau_max"):
         from_urdf(path, ["tip"])
     assert len(from_urdf(path, ["tip"], tau_max=0.5).joint_names) == 3
 
