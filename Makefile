@@ -6,7 +6,7 @@ NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name
 
 .PHONY: reproduce test lint bench campaign clean
 
-reproduce: $(VENV)/figures.installed  ## Section IV of the paper into results/
+reproduce: $(VENV)/baselines.installed  ## Section IV of the paper into results/
 	$(VENV)/bin/graspforce reproduce --out results
 
 test: $(VENV)/test.installed  ## all tests
@@ -31,9 +31,9 @@ campaign: $(VENV)/test.installed  ## a million random grasps against another sol
 
 # An editable install: Python changes need nothing, a change of the core builds it again. Each set
 # of extras contains those before it.
-$(VENV)/figures.installed: INSTALLED = figures
-$(VENV)/test.installed: INSTALLED = figures test
-$(VENV)/dev.installed: INSTALLED = figures test dev
+$(VENV)/baselines.installed: INSTALLED = baselines
+$(VENV)/test.installed: INSTALLED = baselines test
+$(VENV)/dev.installed: INSTALLED = baselines test dev
 $(VENV)/%.installed: $(NATIVE)
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) -e '.[$*]'

@@ -49,7 +49,7 @@ def rows(table):
 # ---- help and version --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", [[], ["solve"], ["scenario"]])
+@pytest.mark.parametrize("command", [[], ["solve"], ["scenario"], ["compare"]])
 def test_help_has_examples(command):
     done = run(*command, "--help")
     assert done.returncode == 0

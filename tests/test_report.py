@@ -14,7 +14,11 @@ import pytest
 
 import graspforce as gf
 from graspforce import figures, report
+from graspforce.compare import methods
 from graspforce.report import page, timing
+
+
+COMPARED = ("dynamic",)  # the regrasp takes the slow methods too long for a test
 
 
 @pytest.fixture(scope="module")
@@ -23,6 +27,8 @@ def made(tmp_path_factory):
     told = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "PASSES", 1)
+        patch.setattr(methods, "SLOW", dict.fromkeys(methods.NAMES, 2))
+        patch.setattr(report, "COMPARED", COMPARED)
         out = tmp_path_factory.mktemp("reproduce") / "not" / "there"
         path = report.reproduce(out, lambda *step: told.append(step))
     return path, told
@@ -69,6 +75,8 @@ def test_every_file_is_there_and_nothing_else(made):
     stems = [module.__name__.rpartition(".")[2] for module in figures.FIGURES]
     expected = {f"{stem}.{kind}" for stem in stems for kind in ("png", "svg")}
     expected |= {"grasp.png", "results.json", "report.html"}
+    for task in COMPARED:
+        expected |= {f"methods_forces_{task}.svg", f"methods_times_{task}.svg"}
     assert {path.name for path in made[0].parent.iterdir()} == expected
     for path in made[0].parent.glob("*.png"):
         assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
@@ -91,6 +99,14 @@ def test_results_have_every_number(results):
     for name, times in results["timing"].items():
         if name != "passes":
             assert 0 < times["p50"] <= times["p99"]
+
+
+def test_the_page_has_a_row_for_every_method(made, results):
+    text = made[0].read_text(encoding="utf-8")
+    rows = results["comparison"]["rows"]
+    assert {row["method"] for row in rows} == set(methods.NAMES)
+    for name in methods.NAMES:
+        assert text.count(f"<tr><td>{name}</td>") == len(COMPARED)
 
 
 def test_the_numbers_are_the_scenarios(results):
@@ -125,13 +141,14 @@ def test_the_page_shows_every_figure_as_it_was_written(made, html_page):
     assert all(image["alt"] for image in images)
     inlined = {base64.b64decode(image["src"].partition(",")[2]) for image in images}
     files = [*made[0].parent.glob("*.svg"), made[0].parent / "grasp.png"]
-    assert len(files) == 10
+    assert len(files) == 10 + 2 * len(COMPARED)
     assert inlined == {file.read_bytes() for file in files}
 
 
 def test_the_page_sets_every_claim_beside_its_measurement(made, results):
     text = made[0].read_text(encoding="utf-8")
     claims = [claim for entry in results["figures"].values() for claim in entry["claims"]]
+    claims += results["comparison"]["claims"]
     for claim in claims:
         paper, measured = page.typeset(claim["paper"]), page.typeset(claim["measured"])
         verdict = rf"\s*<span class=\"{'yes' if claim['holds'] else 'no'}\">\w+</span>\s*"

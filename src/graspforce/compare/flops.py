@@ -33,9 +33,9 @@ def wbf(problem: ForceProblem) -> float:
 
     Per contact: the cone's gradient and Hessian (4 d²), each of its own limits (value and
     gradient 4 d, Hessian d (d + 1)), the factor of the d×d block (d³/3), its product with W.T
-    (2 d² k), its share of the k×k matrix (d k (k + 1)), residual and back-substitution (4 d k + 4 d²);
-    then one Cholesky factorisation (k³/3 + 2 k²). Limits are dealt evenly to the contacts, and
-    the two limits of a joint share their row.
+    (2 d² k), its share of the k×k matrix (d k (k + 1)), residual and back-substitution
+    (4 d k + 4 d²); then one Cholesky factorisation (k³/3 + 2 k²). Limits are dealt evenly to the
+    contacts, and the two limits of a joint share their row.
     """
     dims, _, v, k, _ = _sizes(problem)
     rows = v / 2 / max(1, len(dims))
@@ -72,8 +72,9 @@ def sdp(problem: ForceProblem) -> float:
 def dikin(problem: ForceProblem) -> float:
     """A Dikin step: the flow's step, and the metric.
 
-    Per block of p rows (d of a contact, 1 a limit) P^(−1/2) F_j P^(−1/2) for q directions (4 p³ each),
-    then the QR factorisation of all of them (2 q² Σ p²) instead of the flow's product (2 q²).
+    Per block of p rows (d of a contact, 1 a limit) P^(−1/2) F_j P^(−1/2) for q directions (4 p³
+    each), then the QR factorisation of all of them (2 q² Σ p²) instead of the flow's product
+    (2 q²).
     """
     dims, _, v, _, q = _sizes(problem)
     cubes, squares = sum(d**3 for d in dims) + v, sum(d * d for d in dims) + v
@@ -84,8 +85,8 @@ def gradient_flow(problem: ForceProblem) -> float:
     """A step of the flow with its line search.
 
     Per block of p rows: P (2 p² q), eigenvalues and vectors (9 p³), the inverse (2 p³), its
-    products with the F_j (2 p² q), the step's matrix and its eigenvalues (2 p² q + 8 p³); the direction
-    (2 q²); some ten Newton steps of the line search (5 operations an eigenvalue each).
+    products with the F_j (2 p² q), the step's matrix and its eigenvalues (2 p² q + 8 p³); the
+    direction (2 q²); some ten Newton steps of the line search (5 operations an eigenvalue each).
     """
     dims, _, v, _, q = _sizes(problem)
     sizes = [*dims, *[1] * v]
@@ -93,9 +94,10 @@ def gradient_flow(problem: ForceProblem) -> float:
 
 
 def compact_dual(problem: ForceProblem) -> float:
-    """A pivot: one q×q factorisation (2 q³/3), its inverse for the lexicographic rule (2 q³), three
+    """A pivot with its lexicographic rule.
 
-    solves (6 q²) and the reduced costs of v limits and 8 facets a contact (2 q each).
+    One q×q factorisation (2 q³/3), its inverse (2 q³), three solves (6 q²), and the reduced costs
+    of v limits and 8 facets a contact (2 q each).
     """
     dims, _, v, _, q = _sizes(problem)
     return 8 * q**3 / 3 + 6 * q * q + 2 * q * (v + 8 * len(dims))

@@ -19,6 +19,11 @@ NAMES: tuple[str, ...] = (WBF, *METHODS)
 """Every method that there is, installed or not."""
 
 
+# How many of a task's problems the slow methods solve, so that none takes much longer than
+# a few seconds; the others solve all of them.
+SLOW: dict[str, int] = {"dikin": 100, "sdp": 100, "neural_network": 10, "gradient_flow": 2}
+
+
 @dataclass(frozen=True, slots=True)
 class Method:
     """One method.
@@ -33,6 +38,11 @@ class Method:
     name: str
     cold: Callable[[ForceProblem], Solution]
     warm: Callable[[], Callable[[ForceProblem], Solution]] | None
+
+    @property
+    def most(self) -> int | None:
+        """How many problems of a task are enough for it; None for all."""
+        return SLOW.get(self.name)
 
 
 def method(name: str) -> Method:

@@ -31,19 +31,22 @@ class Task:
     problems: tuple[ForceProblem, ...]
     t: Array | None
 
-    def some(self, share: float) -> NDArray[np.int64]:
-        """Return the indices of about this share of the problems.
+    def some(self, most: int | None) -> NDArray[np.int64]:
+        """Return the indices of all problems, or of ``most`` of them, even over the whole.
 
-        Of ticks, pairs of neighbours, even over the time: a jump needs two.
+        Of ticks they are pairs of neighbours, because a jump needs two, and beside those the
+        pairs between which a contact leaves or returns.
         """
         total = len(self.problems)
-        if share >= 1:
+        if most is None or most >= total:
             return np.arange(total)
         if self.t is None:
-            return np.unique(np.linspace(0, total - 1, max(1, int(share * total))).astype(int))
-        pairs = max(1, int(share * total / 2))
-        first = np.linspace(0, max(0, total - 2), pairs).astype(int)
-        return np.unique(np.minimum(np.concatenate((first, first + 1)), total - 1))
+            return np.linspace(0, total - 1, most).astype(np.int64)
+        first = np.linspace(0, total - 2, max(1, most // 2)).astype(np.int64)
+        there = np.array([problem.active for problem in self.problems])
+        changes = np.flatnonzero((np.diff(there.astype(int), axis=0) != 0).any(axis=1))
+        first = np.concatenate((first, changes))
+        return np.unique(np.concatenate((first, first + 1)))
 
 
 def task(name: str | Path) -> Task:

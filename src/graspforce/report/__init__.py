@@ -3,8 +3,8 @@
 :func:`reproduce` runs the paper's three scenarios and its sweep of alpha, times the servo on this
 machine, draws figures 4 to 12, and writes them with ``results.json`` (every number) and
 ``report.html``: one page, without anything from a network, that sets each figure beside a table
-"the paper says | measured here". Apart from the date, the machine and the times, two runs write
-the same bytes.
+"the paper says | measured here". The paper's other methods run beside its own. Apart from the
+date, the machine and the times, two runs write the same bytes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
-from graspforce import scenarios
+from graspforce import compare, scenarios
+from graspforce.compare import output
 from graspforce.errors import InvalidInputError
 from graspforce.figures import FIGURES, PaperFigure, grasp_picture, style
 from graspforce.files import replacing
@@ -32,6 +33,9 @@ from graspforce.report.page import EQUATIONS, template
 from graspforce.report.timing import measure_times, time_claims
 from graspforce.scenarios import Log
 from graspforce.settings import Settings
+
+# The tasks on which the methods are compared; at rest there is nothing to jump.
+COMPARED = ("dynamic", "regrasp")
 
 # Called with a stage's name, how much of it is done, and its total.
 Progress: TypeAlias = Callable[[str, int, int], None]
@@ -63,12 +67,17 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
     times = measure_times(logs["dynamic"], logs["regrasp"], tell)
     sources: dict[str, Any] = {**logs, "sweep": sweep}
 
+    compared = compare.compare(
+        COMPARED, progress=lambda task, done, total: tell(f"methods: {task}", done, total)
+    )
+
     results: dict[str, Any] = {
         "graspforce": _version(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": describe_machine(),
         "timing": times,
         "scenarios": {name: _summary(log) for name, log in logs.items()},
+        "comparison": compared.as_dict(),
         "figures": {},
     }
     images: dict[str, bytes] = {}
@@ -80,11 +89,25 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
     picture = grasp_picture.draw(grasp_picture.data(logs["static"].scenario))
     images["grasp.png"] = _write(folder / "grasp.png", style.render(picture, "png"))
 
+    for stem, picture in output.pictures(compared).items():
+        name = f"methods_{stem}.svg"
+        images[name] = _write(folder / name, style.render(picture, "svg"))
+
     results = _plain(results)
     _write(folder / "results.json", _json(results).encode())
     html = page.render(
         results=results,
         time_claims=time_claims(times),
+        comparison_claims=compared.claims(),
+        compared={
+            task.name: [
+                (row.method, row.missing, output.cells(row))
+                for row in compared.rows
+                if row.task == task.name
+            ]
+            for task in compared.tasks
+        },
+        headings=output.HEADINGS,
         images={name: base64.b64encode(image).decode() for name, image in images.items()},
         equations=EQUATIONS,
         c_max=logs["regrasp"].scenario.c_max,

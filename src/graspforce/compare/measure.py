@@ -1,0 +1,192 @@
+"""One method on one task: times, iterations, margins, jumps, verdicts."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._arrays import Array
+from graspforce.compare import flops
+from graspforce.compare.methods import Method
+from graspforce.compare.tasks import Task
+from graspforce.errors import MissingExtraError
+from graspforce.outcome import Status
+from graspforce.problem import ForceProblem
+from graspforce.solution import Solution
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What a method did on a task. Numbers about forces are over the problems it solved.
+
+    Attributes:
+        method: its name.
+        task: the task's name.
+        missing: the pip line where a package is not installed; nothing was run then.
+        ran: indices of the task's problems that were run, shape (R,).
+        of: how many problems the task has.
+        cold_us: time of each solve from scratch, shape (R,) [µs].
+        warm_us: time of each solve from the one before, shape (R,) [µs]; None where the method
+            or the task has no such thing.
+        iterations: of each solve from scratch, shape (R,).
+        warm_iterations: of each solve from the one before, or None.
+        step_flops: operations of a step by formula, for the first problem; None without one.
+        slip_margin: least mu n − ‖tangential force‖ on the true cones [N].
+        torque_margin: least distance of a joint torque to its limit [N·m].
+        largest_normal: [N].
+        largest_jump: largest change of any normal force from a tick to the next [N]; None where
+            no two neighbours were solved.
+        normal_forces: shape (R, n), NaN where not solved; None where n varies [N].
+        statuses: how many ended how, by the name of the status.
+    """
+
+    method: str
+    task: str
+    missing: str | None
+    ran: NDArray[np.int64]
+    of: int
+    cold_us: Array
+    warm_us: Array | None
+    iterations: NDArray[np.int64]
+    warm_iterations: NDArray[np.int64] | None
+    step_flops: float | None
+    slip_margin: float | None
+    torque_margin: float | None
+    largest_normal: float | None
+    largest_jump: float | None
+    normal_forces: Array | None
+    statuses: dict[str, int]
+
+    @property
+    def solved(self) -> int:
+        """How many of the problems were SOLVED."""
+        return self.statuses.get(Status.SOLVED.name, 0)
+
+    @property
+    def infeasible(self) -> int:
+        """How many were proved to have no answer."""
+        return sum(self.statuses.get(each.name, 0) for each in _NO_ANSWER)
+
+    @property
+    def failures(self) -> int:
+        """How many ended without a verdict."""
+        return len(self.ran) - self.solved - self.infeasible
+
+    @property
+    def solve_flops(self) -> float | None:
+        """Operations of a mean solve: warm where the method can, else from scratch."""
+        counts = self.iterations if self.warm_iterations is None else self.warm_iterations
+        if self.step_flops is None or not len(counts):
+            return None
+        return self.step_flops * float(counts.mean())
+
+
+_NO_ANSWER = (Status.INFEASIBLE, Status.WRENCH_UNREACHABLE, Status.UNBOUNDED)
+
+
+def measure(method: Method, task: Task, whole: bool) -> Measured:
+    """Run a method on a task, after one run of the first problem that does not count.
+
+    Args:
+        method: what to run.
+        task: on what.
+        whole: all problems, also with a method for which fewer are enough.
+    """
+    first = task.problems[0]
+    try:
+        method.cold(first)
+    except MissingExtraError as error:
+        return _nothing(method, task, str(error))
+    ran = task.some(None if whole else method.most)
+    problems = [task.problems[int(i)] for i in ran]
+
+    cold = [_timed(method.cold, problem) for problem in problems]
+    warm = None
+    if method.warm is not None and task.t is not None:
+        stream = method.warm()
+        warm = [_timed(stream, problem) for problem in problems]
+    solutions = [solution for _, solution in warm or cold]
+    good = [each for each in solutions if each.status is Status.SOLVED]
+    forces = _normal_forces(solutions)
+    formula = flops.STEP.get(method.name)
+    return Measured(
+        method=method.name,
+        task=task.name,
+        missing=None,
+        ran=ran,
+        of=len(task.problems),
+        cold_us=np.array([us for us, _ in cold]),
+        warm_us=None if warm is None else np.array([us for us, _ in warm]),
+        iterations=_steps(solution for _, solution in cold),
+        warm_iterations=None if warm is None else _steps(solution for _, solution in warm),
+        step_flops=None if formula is None else formula(first),
+        slip_margin=min((float(each.friction_margins.min()) for each in good), default=None),
+        torque_margin=_finite(min((each.torque_residual for each in good), default=None)),
+        largest_normal=max((float(each.normal_forces.max()) for each in good), default=None),
+        largest_jump=None if task.t is None or forces is None else _jump(ran, forces),
+        normal_forces=forces,
+        statuses=dict(Counter(each.status.name for each in solutions)),
+    )
+
+
+def _nothing(method: Method, task: Task, missing: str) -> Measured:
+    none = np.zeros(0, dtype=np.int64)
+    return Measured(
+        method=method.name,
+        task=task.name,
+        missing=missing,
+        ran=none,
+        of=len(task.problems),
+        cold_us=np.zeros(0),
+        warm_us=None,
+        iterations=none,
+        warm_iterations=None,
+        step_flops=None,
+        slip_margin=None,
+        torque_margin=None,
+        largest_normal=None,
+        largest_jump=None,
+        normal_forces=None,
+        statuses={},
+    )
+
+
+def _timed(
+    call: Callable[[ForceProblem], Solution], problem: ForceProblem
+) -> tuple[float, Solution]:
+    """Return the time of a solve and of reading its forces [µs], and the solution."""
+    start = time.perf_counter_ns()
+    solution = call(problem)
+    _ = solution.c
+    return (time.perf_counter_ns() - start) / 1e3, solution
+
+
+def _steps(solutions: Iterable[Solution]) -> NDArray[np.int64]:
+    return np.array([each.newton_steps for each in solutions], dtype=np.int64)
+
+
+def _normal_forces(solutions: list[Solution]) -> Array | None:
+    sizes = {each.problem.n for each in solutions}
+    if len(sizes) != 1:
+        return None
+    rows = [
+        each.normal_forces if each.status is Status.SOLVED else np.full(each.problem.n, np.nan)
+        for each in solutions
+    ]
+    return np.array(rows)
+
+
+def _jump(ran: NDArray[np.int64], forces: Array) -> float | None:
+    neighbours = np.diff(ran) == 1
+    changes = np.abs(np.diff(forces, axis=0))[neighbours]
+    changes = changes[np.isfinite(changes).all(axis=1)]
+    return float(changes.max()) if len(changes) else None
+
+
+def _finite(number: float | None) -> float | None:
+    return number if number is not None and np.isfinite(number) else None

@@ -1,0 +1,168 @@
+"""``compare``: the measures are right, the files hold them, the paper's figures stand beside."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import graspforce as gf
+from graspforce import baselines, compare, scenarios
+from graspforce.cli import app
+from graspforce.compare import flops, methods, output
+from graspforce.compare.measure import measure
+
+
+@pytest.fixture(scope="module")
+def found():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(methods, "SLOW", {"dikin": 6, "sdp": 6})
+        return compare.compare(["dynamic"], ["wbf", "compact_dual", "dikin", "sdp"])
+
+
+def test_every_method_is_run_or_named_as_missing():
+    assert ("wbf", *baselines.METHODS) == compare.NAMES
+    assert [each.name for each in methods.chosen(None)] == list(compare.NAMES)
+
+
+def test_measures_are_those_of_the_solutions(found):
+    row = found.of("dynamic", "compact_dual")
+    ticks = compare.task("dynamic")
+    solutions = [baselines_solve("compact_dual", problem) for problem in ticks.problems]
+    forces = np.array([each.normal_forces for each in solutions])
+    np.testing.assert_array_equal(row.normal_forces, forces)
+    assert row.largest_jump == np.abs(np.diff(forces, axis=0)).max()
+    assert row.largest_normal == forces.max()
+    assert row.slip_margin == min(each.friction_margins.min() for each in solutions)
+    assert row.torque_margin == min(each.torque_residual for each in solutions)
+    assert (row.iterations == [each.newton_steps for each in solutions]).all()
+    assert row.statuses == {"SOLVED": 500}
+    assert row.solved == 500
+    assert row.infeasible == row.failures == 0
+    assert row.warm_us is None
+    assert (row.cold_us > 0).all()
+
+
+def baselines_solve(name, problem):
+    return methods.method(name).cold(problem)
+
+
+def test_the_linear_program_jumps_and_the_barriers_do_not(found):
+    jumps = {row.method: row.largest_jump for row in found.rows}
+    assert jumps["compact_dual"] > 1
+    assert jumps["wbf"] < 0.15
+    assert jumps["dikin"] == pytest.approx(jumps["sdp"], rel=0.1)
+    assert jumps["dikin"] < 0.01
+
+
+def test_slow_methods_run_pairs_of_ticks(found):
+    ran = found.of("dynamic", "sdp").ran
+    assert ran.tolist() == [0, 1, 249, 250, 498, 499]
+    assert found.of("dynamic", "wbf").ran.tolist() == list(range(500))
+    # where a finger leaves and comes back, the two ticks around it are always there
+    regrasp = compare.task("regrasp")
+    away = np.array([not problem.active[0] for problem in regrasp.problems])
+    changes = np.flatnonzero(np.diff(away))
+    assert len(changes) == 2
+    assert set(changes) | set(changes + 1) <= set(regrasp.some(2).tolist())
+    assert len(regrasp.some(None)) == 500
+
+
+def test_warm_ticks_take_one_step(found):
+    row = found.of("dynamic", "wbf")
+    assert row.warm_iterations.mean() < 1.1
+    assert row.iterations.mean() > 3
+    dikin = found.of("dynamic", "dikin")
+    assert dikin.warm_iterations[1::2].mean() < dikin.iterations.mean() / 2
+
+
+def test_flops_of_the_papers_problem():
+    problem = scenarios.get("dynamic").problem(0.0)
+    # 12 kflops for the dense step, 24 kflops an SDP iteration, as in Section IV-B.3
+    assert flops.wbf_dense(problem) == pytest.approx(12e3, rel=0.1)
+    assert flops.sdp(problem) == pytest.approx(24e3, rel=0.01)
+    assert 1_500 < flops.wbf(problem) < 2_500
+    assert set(flops.STEP) <= set(compare.NAMES)
+    for formula in flops.STEP.values():
+        more = problem.replace(c_max=20)
+        assert 0 < formula(problem) <= formula(more)
+
+
+def test_claims_stand_beside_the_papers(found):
+    claims = found.claims()
+    assert len(claims) == 3
+    assert all(claim.holds for claim in claims)
+    assert compare.compare(["static"], ["wbf"]).claims() == []
+
+
+def test_json_holds_every_number(found):
+    document = json.loads(found.to_json(), parse_constant=lambda name: pytest.fail(name))
+    assert document["paper"]["wbf step [flop]"] == 12e3
+    rows = {row["method"]: row for row in document["rows"]}
+    assert rows["wbf"]["statuses"] == {"SOLVED": 500}
+    assert len(rows["wbf"]["warm [us]"]) == 500
+    assert rows["compact_dual"]["warm [us]"] is None
+    assert rows["sdp"]["flops a solve"] == pytest.approx(
+        rows["sdp"]["flops a step"] * np.mean(rows["sdp"]["iterations"])
+    )
+
+
+def test_infeasible_and_unsolved_problems_are_counted(tmp_path):
+    good = scenarios.get("static").problem(0.0)
+    task = compare.Task("mixed", (good, good.replace(f=40 * good.f)), None)
+    row = measure(methods.method("wbf"), task, whole=True)
+    assert (row.solved, row.infeasible, row.failures) == (1, 1, 0)
+    assert row.largest_jump is None
+    assert np.isnan(row.normal_forces[1]).all()
+    document = json.loads(compare.Comparison((task,), (row,)).to_json())
+    assert document["rows"][0]["normal forces [N]"][1] == [None] * 4
+
+
+def test_a_missing_package_is_a_row_with_the_pip_line(monkeypatch):
+    def missing(problem):
+        raise gf.MissingExtraError("this method", "nothing", "baselines")
+
+    gone = methods.Method("sdp", missing, None)
+    row = measure(gone, compare.task("static"), whole=False)
+    assert "pip install 'graspforce[baselines]'" in row.missing
+    alone = compare.Comparison((compare.task("static"),), (row,))
+    assert "pip install" in output.table(alone, "static").caption
+    assert alone.of("static", "sdp") is None
+    assert math.isfinite(json.loads(alone.to_json())["paper"]["factor"])
+
+
+def test_the_command_prints_and_writes(tmp_path):
+    run = CliRunner().invoke(
+        app, ["compare", "static", "--method", "wbf", "--method", "dikin", "--out", str(tmp_path)]
+    )
+    assert run.exit_code == 0, run.output
+    assert "dikin" in run.output
+    names = {"comparison.json", "times_static.png", "forces_static.png"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+
+
+def test_a_file_of_grasps_is_a_task(tmp_path):
+    file = tmp_path / "two.json"
+    contact = {"normal": [-1, 0, 0], "point": [0.04, 0, 0], "model": "PCWF", "mu": 0.5}
+    other = contact | {"normal": [1, 0, 0], "point": [-0.04, 0, 0]}
+    grasp = {"contacts": [contact, other], "f": [0, 0, 2, 0, 0, 0], "c_max": 10}
+    file.write_text(json.dumps({"grasps": [grasp, grasp | {"f": [0, 0, 50, 0, 0, 0]}]}))
+    run = CliRunner().invoke(app, ["compare", str(file), "--method", "wbf", "--method", "sdp"])
+    assert run.exit_code == 0, run.output
+    assert "two.json" in run.output
+    rows = compare.compare([file], ["wbf", "sdp"]).rows
+    assert [(row.solved, row.infeasible) for row in rows] == [(1, 1), (1, 1)]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing"], "expected a file of grasps or one of"),
+        (["static", "--method", "x"], "methods"),
+    ],
+)
+def test_bad_arguments_are_one_line(arguments, words):
+    run = CliRunner().invoke(app, ["compare", *arguments])
+    assert run.exit_code == 2
+    assert words in run.output
