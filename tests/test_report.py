@@ -17,7 +17,6 @@ from graspforce import figures, report
 from graspforce.compare import methods
 from graspforce.report import page, timing
 
-
 COMPARED = ("dynamic",)  # the regrasp takes the slow methods too long for a test
 
 
