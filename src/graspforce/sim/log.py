@@ -1,0 +1,196 @@
+"""What a closed-loop simulation did, tick by tick, and its files."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import enum
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._arrays import Array
+from graspforce.errors import MissingExtraError
+from graspforce.files import check_output, replacing
+from graspforce.outcome import Status
+
+ENDINGS = (".npz", ".parquet", ".csv")
+
+
+class Ending(enum.Enum):
+    """How a simulation came to its end."""
+
+    COMPLETED = "held to the end"
+    DROPPED = "dropped"
+    DIVERGED = "diverged"
+
+
+@dataclass(slots=True, eq=False)
+class Log:
+    """What T control ticks of a simulation gave, in world axes; preallocated, then trimmed.
+
+    Attributes:
+        t: times, shape (T,) [s].
+        position: of the object's centre of mass, shape (T, 3) [m].
+        quaternion: of the object, wxyz, shape (T, 4).
+        target_position: shape (T, 3) [m].
+        position_error: distance of the centre of mass from its target, shape (T,) [m].
+        rotation_error: angle between object and target, shape (T,) [rad].
+        yaw: the object's angle about z, without jumps, shape (T,) [rad].
+        engagement: of every contact, shape (T, n).
+        c: contact forces asked for, in the contact frames, shape (T, 3 n) [N].
+        force: contact forces that the physics gave, world axes, shape (T, n, 3) [N]; 0 when off.
+        normal_force: their normal components, shape (T, n) [N].
+        point: contact points, shape (T, n, 3) [m].
+        normal: contact normals into the object, shape (T, n, 3).
+        clearance: distance of every fingertip to the object, shape (T, n) [m]; 0 when touching.
+        tau: joint torques asked for, shape (T, n_joints) [N·m].
+        tau_max: the torque limits, shape (n_joints,) [N·m].
+        slip: way that every tip has slipped since it last touched, shape (T, n) [m].
+        newton_steps: of the force problem (iterations of the minimum-norm SOCP), shape (T,).
+        status: values of :class:`graspforce.Status`, shape (T,).
+        ending: how it ended.
+        message: why, with the tick, when it did not complete.
+    """
+
+    t: Array
+    position: Array
+    quaternion: Array
+    target_position: Array
+    position_error: Array
+    rotation_error: Array
+    yaw: Array
+    engagement: Array
+    c: Array
+    force: Array
+    normal_force: Array
+    point: Array
+    normal: Array
+    clearance: Array
+    tau: Array
+    tau_max: Array
+    slip: Array
+    newton_steps: NDArray[np.int64]
+    status: NDArray[np.int64]
+    ending: Ending = Ending.COMPLETED
+    message: str = ""
+
+    @classmethod
+    def blank(cls, ticks: int, n: int, tau_max: Array) -> Log:
+        """Return a log with room for T ticks of n contacts."""
+
+        def room(*shape: int) -> Array:
+            return np.zeros((ticks, *shape))
+
+        return cls(
+            t=room(), position=room(3), quaternion=room(4), target_position=room(3),
+            position_error=room(), rotation_error=room(), yaw=room(), engagement=room(n),
+            c=room(3 * n), force=room(n, 3), normal_force=room(n), point=room(n, 3),
+            normal=room(n, 3), clearance=room(n), tau=room(len(tau_max)), tau_max=tau_max,
+            slip=room(n), newton_steps=np.zeros(ticks, np.int64),
+            status=np.zeros(ticks, np.int64),
+        )  # fmt: skip
+
+    def ended(self, ticks: int, ending: Ending, message: str) -> Log:
+        """Return the log of the first ``ticks`` ticks, with how it came to its end."""
+        kept = {name: getattr(self, name)[:ticks] for name in _PER_TICK}
+        return dataclasses.replace(self, **kept, ending=ending, message=message)
+
+    # ---- in short --------------------------------------------------------------------------
+
+    @property
+    def held(self) -> bool:
+        """Whether the object was held to the end."""
+        return self.ending is Ending.COMPLETED
+
+    @property
+    def torque_use(self) -> float:
+        """The largest share of its limit that any joint torque took; above 1 is over."""
+        return float((np.abs(self.tau) / self.tau_max).max())
+
+    @property
+    def unsolved(self) -> int:
+        """The number of ticks whose force problem had no answer."""
+        return int((self.status != Status.SOLVED).sum())
+
+    @property
+    def regrasps(self) -> int:
+        """How often a finger came back to the object after it had left."""
+        off = self.engagement <= 0
+        return int((off[:-1] & ~off[1:]).sum())
+
+    # ---- files -----------------------------------------------------------------------------
+
+    def table(self) -> dict[str, Array]:
+        """Return every column, shape (T,), by its name: ``tau_3``, ``point_2_x``, and so on."""
+        columns: dict[str, Array] = {}
+        for name in _PER_TICK:
+            values: Any = getattr(self, name)
+            for index in np.ndindex(values.shape[1:]):
+                ending = [str(k + 1) for k in index]
+                if name in _IN_AXES:
+                    ending[-1] = "xyz"[index[-1]]
+                columns["_".join((name, *ending))] = values[(slice(None), *index)]
+        return columns
+
+    def save(self, path: str | Path) -> None:
+        """Write every tick to a .npz (arrays as here), .parquet or .csv (a column a number).
+
+        Raises:
+            InvalidInputError: another ending, or a directory that is not there.
+            MissingExtraError: a .parquet without pyarrow.
+        """
+        path = Path(path)
+        check_log_file(path)
+        with replacing(path) as temporary:
+            if path.suffix == ".npz":
+                arrays = {name: getattr(self, name) for name in (*_PER_TICK, "tau_max")}
+                words = {"ending": self.ending.name, "message": self.message}
+                with temporary.open("wb") as file:
+                    np.savez_compressed(file, **arrays, **words)
+            elif path.suffix == ".parquet":
+                arrow, parquet = _pyarrow()
+                about = {"ending": self.ending.name, "message": self.message}
+                table = arrow.table(self.table()).replace_schema_metadata(about)
+                parquet.write_table(table, temporary)
+            else:
+                columns = self.table()
+                with temporary.open("w", newline="", encoding="utf-8") as file:
+                    writer = csv.writer(file)
+                    writer.writerow(columns)
+                    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+                    writer.writerows(rows)
+
+    def __repr__(self) -> str:
+        return f"Log({len(self.t)} ticks, {self.ending.value}{self.message and f': {self.message}'})"
+
+
+_PER_TICK = tuple(
+    each.name
+    for each in dataclasses.fields(Log)
+    if each.name not in ("tau_max", "ending", "message")
+)
+_IN_AXES = ("position", "target_position", "force", "point", "normal")
+
+
+def check_log_file(path: Path) -> None:
+    """Make sure that a log can be written to ``path``.
+
+    Raises:
+        InvalidInputError: another ending, or a directory that is not there.
+        MissingExtraError: a .parquet without pyarrow.
+    """
+    check_output(path, ENDINGS)
+    if path.suffix == ".parquet":
+        _pyarrow()
+
+
+def _pyarrow() -> tuple[Any, Any]:
+    try:
+        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise MissingExtraError("Parquet", "pyarrow", "sim") from error

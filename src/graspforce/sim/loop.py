@@ -1,0 +1,178 @@
+"""The closed loop: measure, decide, let the physics go on, write down."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from graspforce._arrays import Array
+from graspforce.sim.controller import Command, Controller, rotation_vector
+from graspforce.sim.engine import mj
+from graspforce.sim.log import Ending, Log
+from graspforce.sim.scene import Pose, Scene, Touch
+from graspforce.sim.trial import Trial
+from graspforce.trajectory import State
+
+# Farther from its target than this, the object counts as dropped [m].
+DROPPED = 0.05
+
+# Sees the scene after each tick, with what was decided in it: a camera, say.
+Watch = Callable[[int, Scene, Command], None]
+
+
+def run(trial: Trial, watch: Watch | None = None) -> Log:
+    """Run a trial to its end, or to where the object drops or the physics diverges.
+
+    Args:
+        trial: what to simulate.
+        watch: called after every tick with its index, the scene and the tick's command.
+
+    Returns:
+        The log up to the end; ``ending`` and ``message`` say how it came.
+    """
+    scene = Scene(trial)
+    controller = Controller(trial, scene)
+    world = _World(trial, scene)
+    log = Log.blank(trial.ticks, len(trial.fingers), scene.tau_max)
+    slip = np.zeros(len(trial.fingers))
+    pose, touches = scene.pose(), scene.touches()
+    for tick in range(trial.ticks):
+        t = tick / trial.rate
+        command = controller.step(t, *world.measured(pose, touches))
+        tau = world.delayed(command.tau)
+        _write(log, tick, t, trial.motion.at(t), pose, touches, command, slip, scene)
+        for _ in range(trial.substeps):
+            world.disturb(scene.data.time)
+            scene.step(tau)
+            pose, touches = scene.pose(), scene.touches()
+            slip = (slip + _slid(scene, pose, touches)) * (command.engagement > 0)
+        if watch is not None:
+            watch(tick, scene, command)
+        ending, cause = _end(scene, log.position_error[tick])
+        if ending is not Ending.COMPLETED:
+            return log.ended(tick + 1, ending, f"at tick {tick} ({t:.3f} s) {cause}")
+    return log
+
+
+def _end(scene: Scene, position_error: float) -> tuple[Ending, str]:
+    trouble = scene.trouble()
+    if trouble:
+        return Ending.DIVERGED, trouble
+    if position_error > DROPPED:
+        return Ending.DROPPED, f"the object was {1e3 * position_error:.0f} mm off its target"
+    return Ending.COMPLETED, ""
+
+
+class _World:
+    """The trial's disturbance: what acts on the object, and what lies between it and the law."""
+
+    def __init__(self, trial: Trial, scene: Scene) -> None:
+        self._disturbance, self._scene = trial.disturbance, scene
+        self._random = np.random.default_rng(trial.disturbance.seed)
+        self._queue: deque[Array] = deque()
+        self._loaded = False
+
+    def disturb(self, t: float) -> None:
+        """Apply the forces and the payload of time t [s]."""
+        disturbance = self._disturbance
+        if disturbance.payload != 1 and not self._loaded and t >= disturbance.payload_time:
+            self._scene.multiply_mass(disturbance.payload)
+            self._loaded = True
+        if disturbance.pushes:
+            force = np.zeros(3)
+            for push in disturbance.pushes:
+                s = (t - push.start) / push.duration
+                if 0 <= s <= 1:
+                    force += np.sin(np.pi * s) * push.force
+            self._scene.push(force)
+
+    def measured(
+        self, pose: Pose, touches: list[Touch | None]
+    ) -> tuple[Pose, list[Touch | None]]:
+        """Return pose and contacts with the sensors' noise."""
+        given = self._disturbance
+
+        def noise(deviation: float) -> Array:
+            return self._random.normal(0.0, deviation, 3) if deviation else np.zeros(3)
+
+        noisy = Pose(
+            pose.position + noise(given.position_noise),
+            _turned(pose.rotation, noise(given.angle_noise)),
+            pose.velocity + noise(given.velocity_noise),
+            pose.angular_velocity + noise(given.rate_noise),
+        )
+        return noisy, [
+            touch and Touch(touch.point + noise(given.position_noise), touch.normal, touch.force)
+            for touch in touches
+        ]
+
+    def delayed(self, tau: Array) -> Array:
+        """Return the torques of ``delay`` ticks ago; at the start the first ones."""
+        self._queue.append(tau)
+        if len(self._queue) > self._disturbance.delay + 1:
+            self._queue.popleft()
+        return self._queue[0]
+
+
+def _turned(R: Array, vector: Array) -> Array:
+    """Return R turned by a rotation vector in world axes [rad]."""
+    quaternion, turn = np.zeros(4), np.zeros(9)
+    angle = float(np.linalg.norm(vector))
+    if angle == 0:
+        return R
+    mj.mju_axisAngle2Quat(quaternion, vector / angle, angle)
+    mj.mju_quat2Mat(turn, quaternion)
+    return turn.reshape(3, 3) @ R
+
+
+def _slid(scene: Scene, pose: Pose, touches: list[Touch | None]) -> Array:
+    """Return how far every fingertip slipped on the object in a physics step, shape (n,) [m].
+
+    Slipping is the tangential velocity between tip and object at the contact; rolling is none.
+    """
+    way = np.zeros(len(touches))
+    for i, touch in enumerate(touches):
+        if touch is not None:
+            partner = pose.point_velocity(touch.point) if scene.side > 0 else 0.0
+            velocity = scene.tip_velocity(i, touch.point) - partner
+            velocity = velocity - (velocity @ touch.normal) * touch.normal
+            way[i] = np.linalg.norm(velocity) * scene.model.opt.timestep
+    return way
+
+
+def _write(
+    log: Log,
+    tick: int,
+    t: float,
+    target: State,
+    pose: Pose,
+    touches: list[Touch | None],
+    command: Command,
+    slip: Array,
+    scene: Scene,
+) -> None:
+    log.t[tick] = t
+    log.position[tick] = pose.position
+    mj.mju_mat2Quat(log.quaternion[tick], pose.rotation.ravel())
+    log.target_position[tick] = target.position
+    log.position_error[tick] = np.linalg.norm(pose.position - target.position)
+    log.rotation_error[tick] = np.linalg.norm(
+        rotation_vector(target.rotation @ pose.rotation.T)
+    )
+    yaw = np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])
+    log.yaw[tick] = np.unwrap([log.yaw[tick - 1], yaw])[1] if tick else yaw
+    log.engagement[tick] = command.engagement
+    log.c[tick] = command.solution.c
+    for i, (touch, contact) in enumerate(zip(touches, command.contacts, strict=True)):
+        if touch is not None:
+            log.force[tick, i] = touch.force
+            log.normal_force[tick, i] = touch.force @ touch.normal
+        log.point[tick, i] = contact.point
+        log.normal[tick, i] = contact.normal
+        log.clearance[tick, i] = 0.0 if touch is not None else scene.clearance(i)
+    log.tau[tick] = command.tau
+    log.slip[tick] = slip
+    log.newton_steps[tick] = command.solution.newton_steps
+    log.status[tick] = command.solution.status

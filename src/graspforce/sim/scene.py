@@ -1,0 +1,258 @@
+"""A running MuJoCo simulation, as the controller and the log see it.
+
+Everything that has to do with MuJoCo's indices is here: which degrees of freedom are whose, which
+contact belongs to which finger, where its normal points. World axes throughout.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from graspforce._arrays import Array
+from graspforce.contact import cross
+from graspforce.errors import ModelImportError
+from graspforce.sim.engine import mj
+from graspforce.sim.trial import Finger, Trial
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """A contact that the physics reports.
+
+    Attributes:
+        point: shape (3,) [m].
+        normal: into the object, shape (3,).
+        force: that the finger exerts on the object there, world axes, shape (3,) [N].
+    """
+
+    point: Array
+    normal: Array
+    force: Array
+
+
+@dataclass(slots=True, eq=False)
+class Pose:
+    """How the object is and moves; world axes.
+
+    Attributes:
+        position: of its centre of mass, shape (3,) [m].
+        rotation: R_world_object, shape (3, 3).
+        velocity: of its centre of mass, shape (3,) [m/s].
+        angular_velocity: shape (3,) [rad/s].
+    """
+
+    position: Array
+    rotation: Array
+    velocity: Array
+    angular_velocity: Array
+
+    def point_velocity(self, point: Array) -> Array:
+        """Return the velocity of the object's material at ``point``, shape (3,) [m/s]."""
+        return self.velocity + cross(self.angular_velocity, point - self.position)
+
+
+class Scene:
+    """The physics of a trial, and the names in it resolved.
+
+    Attributes:
+        model: the trial's model, copied.
+        data: its state.
+        dofs: for each finger the indices of its degrees of freedom.
+        columns: for each finger its joints' places in tau.
+        tau_max: torque limit of every joint, shape (n_joints,) [N·m].
+        side: 1 where the fingers push on the object, −1 where the ground pushes on the feet: the
+            sign between J and the motion of the contact relative to the finger's root.
+    """
+
+    def __init__(self, trial: Trial) -> None:
+        self.model = copy.copy(trial.model)
+        self.data = mj.MjData(self.model)
+        self.data.qpos[:] = trial.start
+        self.side = 1.0 if trial.ground is None else -1.0
+        self._body = self._id("body", trial.body)
+        joints = [self._id("joint", name) for finger in trial.fingers for name in finger.joints]
+        self._motors = [self._id("actuator", name) for f in trial.fingers for name in f.joints]
+        self._dof = np.array([self.model.jnt_dofadr[joint] for joint in joints])
+        self._qpos = np.array([self.model.jnt_qposadr[joint] for joint in joints])
+        self.tau_max: Array = self.model.actuator_ctrlrange[self._motors, 1].copy()
+        self.dofs: list[Array] = []
+        self.columns: list[slice] = []
+        for finger in trial.fingers:
+            start = self.columns[-1].stop if self.columns else 0
+            self.columns.append(slice(start, start + len(finger.joints)))
+            self.dofs.append(self._dof[self.columns[-1]])
+        self.tips = [self._tip(finger) for finger in trial.fingers]
+        partners = (
+            np.flatnonzero(self.model.geom_bodyid == self._body)
+            if trial.ground is None
+            else [self._id("geom", trial.ground)]
+        )
+        self._partners = {int(each) for each in partners}
+        self._finger_of = {tip: i for i, tip in enumerate(self.tips)}
+        nv = self.model.nv
+        self._jacobian, self._jacobian_dot = np.zeros((3, nv)), np.zeros((3, nv))
+        self._six, self._mass_matrix = np.zeros(6), np.zeros((nv, nv))
+        self._start_moving(trial)
+        mj.mj_step1(self.model, self.data)
+
+    def _start_moving(self, trial: Trial) -> None:
+        """Give a free object the velocity that its motion begins with, and the fingers theirs."""
+        joint = self.model.body_jntadr[self._body]
+        if trial.ground is not None or self.model.jnt_type[joint] != mj.mjtJoint.mjJNT_FREE:
+            return
+        mj.mj_kinematics(self.model, self.data)
+        mj.mj_comPos(self.model, self.data)
+        state = trial.motion.at(0.0)
+        R, omega = state.rotation, state.angular_velocity
+        dof = self.model.jnt_dofadr[joint]
+        self.data.qvel[dof : dof + 6] = *state.velocity, *(R.T @ omega)
+        for i, grip in enumerate(trial.grips):
+            arm = R @ grip.point
+            velocity = state.velocity + cross(omega, arm)
+            J = self.jacobian(i, state.position + arm)
+            self.data.qvel[self.dofs[i]] = np.linalg.lstsq(J, velocity, rcond=None)[0]
+
+    def _id(self, kind: str, name: str) -> int:
+        accessor = getattr(self.model, kind)
+        try:
+            return int(accessor(name).id)
+        except KeyError as error:
+            raise ModelImportError(f"{kind} {name!r}: not in the model; {error}") from error
+
+    def _tip(self, finger: Finger) -> int:
+        tip = self._id("geom", finger.tip)
+        if self.model.geom_type[tip] != mj.mjtGeom.mjGEOM_SPHERE:
+            raise ModelImportError(f"geom {finger.tip!r}: expected a sphere as a fingertip")
+        return tip
+
+    # ---- the object ------------------------------------------------------------------------
+
+    def pose(self) -> Pose:
+        """Return how the object, or the robot on its feet, is and moves."""
+        data, body = self.data, self._body
+        mj.mj_subtreeVel(self.model, data)
+        mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_XBODY, body, self._six, 0)
+        return Pose(
+            data.subtree_com[body].copy(), data.xmat[body].reshape(3, 3).copy(),
+            data.subtree_linvel[body].copy(), self._six[:3].copy(),
+        )  # fmt: skip
+
+    @property
+    def mass(self) -> float:
+        """Of the object, or of the whole robot on its feet [kg]."""
+        return float(self.model.body_subtreemass[self._body])
+
+    @property
+    def inertia(self) -> Array:
+        """About the centre of mass, world axes, shape (3, 3) [kg·m²]."""
+        xx, yy, zz, xy, xz, yz = self.data.crb[self._body][:6]
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def multiply_mass(self, factor: float) -> None:
+        """Make the object heavier, its inertia with it."""
+        self.model.body_mass[self._body] *= factor
+        self.model.body_inertia[self._body] *= factor
+        mj.mj_setConst(self.model, mj.MjData(self.model))
+
+    def push(self, force: Array) -> None:
+        """Let a force act on the object's centre of mass until told otherwise [N]."""
+        self.data.xfrc_applied[self._body, :3] = force
+
+    # ---- the fingers -----------------------------------------------------------------------
+
+    def touches(self) -> list[Touch | None]:
+        """Return the contact of every finger; None for one that is off."""
+        found: list[Touch | None] = [None] * len(self.tips)
+        contacts = self.data.contact
+        for k, (first, second) in enumerate(contacts.geom.tolist()):
+            if first in self._partners and second in self._finger_of:
+                finger, towards_tip = second, 1.0
+            elif second in self._partners and first in self._finger_of:
+                finger, towards_tip = first, -1.0
+            else:
+                continue
+            frame = contacts.frame[k].reshape(3, 3)  # rows; the first from geom 1 to geom 2
+            mj.mj_contactForce(self.model, self.data, k, self._six)
+            # On geom 2. On feet the ground's force counts, on an object the fingertip's.
+            force = towards_tip * (-self.side) * (frame.T @ self._six[:3])
+            normal = -self.side * towards_tip * frame[0]
+            found[self._finger_of[finger]] = Touch(contacts.pos[k].copy(), normal, force)
+        return found
+
+    def tip(self, finger: int) -> tuple[Array, float]:
+        """Return a tip's centre, shape (3,), and its radius [m]."""
+        geom = self.tips[finger]
+        return self.data.geom_xpos[geom].copy(), float(self.model.geom_size[geom, 0])
+
+    def clearance(self, finger: int) -> float:
+        """Return a tip's distance to the object [m], 0 when touching; more than 0.1 counts as it."""
+        tip, near = self.tips[finger], 0.1
+        for partner in self._partners:
+            near = min(near, mj.mj_geomDistance(self.model, self.data, tip, partner, near, None))
+        return max(0.0, float(near))
+
+    def tip_velocity(self, finger: int, point: Array) -> Array:
+        """Return the velocity of the fingertip's material at ``point``, shape (3,) [m/s]."""
+        geom = self.tips[finger]
+        mj.mj_objectVelocity(self.model, self.data, mj.mjtObj.mjOBJ_GEOM, geom, self._six, 0)
+        return self._six[3:] + cross(self._six[:3], point - self.data.geom_xpos[geom])
+
+    def jacobian(self, finger: int, point: Array) -> Array:
+        """Return how a point of the fingertip moves with the finger's joints, (3, k) [m]."""
+        body = self.model.geom_bodyid[self.tips[finger]]
+        mj.mj_jac(self.model, self.data, self._jacobian, None, point, body)
+        return self._jacobian[:, self.dofs[finger]].copy()
+
+    def drift(self, finger: int, point: Array) -> Array:
+        """Return dJ/dt q̇, the acceleration of that point at constant rates, (3,) [m/s²]."""
+        body = self.model.geom_bodyid[self.tips[finger]]
+        mj.mj_jacDot(self.model, self.data, self._jacobian_dot, None, point, body)
+        dofs = self.dofs[finger]
+        return self._jacobian_dot[:, dofs] @ self.data.qvel[dofs]
+
+    def mass_matrix(self) -> Array:
+        """Return the inertia of all degrees of freedom, shape (nv, nv); a view."""
+        mj.mj_fullM(self.model, self.data, self._mass_matrix)
+        return self._mass_matrix
+
+    @property
+    def q(self) -> Array:
+        """Joint angles of all fingers, shape (n_joints,) [rad]."""
+        return self.data.qpos[self._qpos]
+
+    @property
+    def q_dot(self) -> Array:
+        """Joint rates of all fingers, shape (n_joints,) [rad/s]."""
+        return self.data.qvel[self._dof]
+
+    @property
+    def bias(self) -> Array:
+        """Torques that balance gravity, rotation and damping in all joints [N·m]."""
+        return self.data.qfrc_bias[self._dof] - self.data.qfrc_passive[self._dof]
+
+    # ---- time ------------------------------------------------------------------------------
+
+    def step(self, tau: Array) -> None:
+        """Advance the physics by one step under joint torques, shape (n_joints,) [N·m]."""
+        self.data.ctrl[self._motors] = tau
+        mj.mj_step2(self.model, self.data)
+        mj.mj_step1(self.model, self.data)
+
+    def trouble(self) -> str:
+        """Return why the state can no longer be trusted; empty when it can."""
+        words = {
+            mj.mjtWarning.mjWARN_BADQPOS: "a joint position is not finite or beyond 1e10",
+            mj.mjtWarning.mjWARN_BADQVEL: "a joint velocity is not finite or beyond 1e10",
+            mj.mjtWarning.mjWARN_BADQACC: "an acceleration is not finite or beyond 1e10",
+            mj.mjtWarning.mjWARN_CONTACTFULL: "MuJoCo's contact buffer is full",
+            mj.mjtWarning.mjWARN_CNSTRFULL: "MuJoCo's constraint buffer is full",
+        }
+        warnings: Any = self.data.warning
+        for kind, text in words.items():
+            if warnings[kind].number:
+                return text
+        return ""

@@ -1,0 +1,176 @@
+"""What a closed-loop simulation is made of, as data: robot, grips, motion, steps, gains.
+
+A :class:`Trial` says everything that :func:`graspforce.sim.run` needs; nothing happens in it.
+Hands and legs are the same to it. A hand's fingers push on a free object, and the object's pose
+is what is controlled. A robot's feet push on the ground, the ground pushes back, and the trunk is
+the "object" that the contact forces carry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from graspforce._arrays import Array, as_positive
+from graspforce.errors import InvalidInputError
+from graspforce.regrasp import Release, Schedule
+from graspforce.sim.disturbance import Disturbance
+from graspforce.trajectory import Motion
+
+Method: TypeAlias = Literal["wbf", "minimum_norm"]
+
+
+@dataclass(frozen=True, slots=True)
+class Finger:
+    """A finger or a leg, by the names in the model.
+
+    Args:
+        joints: its hinge joints, each with a motor of the same name.
+        tip: the geom that touches, a sphere.
+    """
+
+    joints: tuple[str, ...]
+    tip: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grip:
+    """Where a finger touches.
+
+    Args:
+        point: on the object's surface, in the object's frame, shape (3,) [m].
+        normal: unit normal into the object there, shape (3,).
+    """
+
+    point: Array
+    normal: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One finger's way off the object and back on it.
+
+    Args:
+        release: which finger, when it has let go, when it touches again, the ramps between.
+        start: where it leaves the object.
+        end: where it comes back.
+        lift: how far the tip moves away from the surface halfway [m].
+    """
+
+    release: Release
+    start: Grip
+    end: Grip
+    lift: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """The control law's gains. All act on accelerations, so none depends on a mass.
+
+    Args:
+        object_stiffness: of the object's pose [1/s²].
+        object_damping: [1/s].
+        swing_stiffness: of a fingertip off the object [1/s²].
+        swing_damping: [1/s].
+        null_stiffness: of a finger's redundant motion about its first posture [1/s²].
+        null_damping: [1/s].
+        feed_forward: whether the torques that move the fingers' own inertia are added.
+    """
+
+    object_stiffness: float = 400.0
+    object_damping: float = 40.0
+    swing_stiffness: float = 3600.0
+    swing_damping: float = 120.0
+    null_stiffness: float = 0.0
+    null_damping: float = 40.0
+    feed_forward: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """A closed-loop simulation, ready to run.
+
+    Args:
+        name: short, a word or two.
+        summary: one line for people.
+        model: a compiled ``mujoco.MjModel``; a run works on a copy.
+        start: joint positions at time 0, shape (nq,).
+        fingers: n of them; finger i makes contact i.
+        grips: where they touch at time 0, in the object's frame.
+        motion: wanted motion of the object's centre of mass, and its yaw.
+        steps: when fingers leave and come back.
+        body: the object, or the trunk of a robot on feet.
+        ground: the geom that the feet stand on; None for a hand that holds ``body``.
+        mu: the coefficient of friction that the controller counts on [-].
+        alpha: weight of the linear limits, Eq. (16).
+        c_max: ceiling of every normal force [N]; needed with steps.
+        load: wrench on top of weight and inertia that the fingers have to exert, such as against
+            a thread's friction, world axes, shape (6,) [N, N·m].
+        method: who distributes the forces, the WBF servo or a minimum-norm SOCP.
+        gains: of the control law.
+        disturbance: what the controller is not told.
+        rate: control ticks a second [Hz]; the physics' step has to fit in a whole number of times.
+        duration: [s].
+
+    Raises:
+        InvalidInputError: a number out of range, steps without c_max, as many grips as fingers.
+    """
+
+    name: str
+    summary: str
+    model: Any
+    start: Array
+    fingers: tuple[Finger, ...]
+    grips: tuple[Grip, ...]
+    motion: Motion
+    steps: tuple[Step, ...] = ()
+    body: str = "object"
+    ground: str | None = None
+    mu: float = 0.5
+    alpha: float = 5.0
+    c_max: float | None = None
+    load: Array = field(default_factory=lambda: np.zeros(6))
+    method: Method = "wbf"
+    gains: Gains = Gains()
+    disturbance: Disturbance = Disturbance()
+    rate: float = 1000.0
+    duration: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name, unit in (("mu", ""), ("alpha", ""), ("rate", "Hz"), ("duration", "s")):
+            object.__setattr__(self, name, as_positive(getattr(self, name), name, unit))
+        if self.method not in ("wbf", "minimum_norm"):
+            raise InvalidInputError(f"method: got {self.method!r}, expected wbf or minimum_norm")
+        if len(self.grips) != len(self.fingers):
+            raise InvalidInputError(
+                f"grips: got {len(self.grips)}, expected {len(self.fingers)}, one a finger"
+            )
+        if self.steps and self.c_max is None:
+            raise InvalidInputError("c_max: missing; steps came without it")
+        ratio = 1 / (self.rate * self.model.opt.timestep)
+        if abs(ratio - round(ratio)) > 1e-9 or round(ratio) < 1:
+            raise InvalidInputError(
+                f"rate: got {self.rate:g} Hz, expected {1 / self.model.opt.timestep:g} Hz, "
+                "the rate of the physics, or a whole fraction of it"
+            )
+        if self.ticks < 1:
+            raise InvalidInputError(
+                f"duration: got {self.duration} s, expected at least one tick of {1 / self.rate} s"
+            )
+
+    @property
+    def ticks(self) -> int:
+        """T, the number of control ticks."""
+        return round(self.duration * self.rate)
+
+    @property
+    def substeps(self) -> int:
+        """Physics steps in a control tick."""
+        return round(1 / (self.rate * self.model.opt.timestep))
+
+    @property
+    def schedule(self) -> Schedule:
+        """The engagement of every contact over time."""
+        return Schedule(len(self.fingers), tuple(step.release for step in self.steps), "smooth")
