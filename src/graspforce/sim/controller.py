@@ -37,6 +37,9 @@ from graspforce.trajectory import State
 # How deep inside the surface a returning finger aims [m]: it presses lightly, and so finds it.
 PRESS = 5e-4
 
+# A motion that turns faster than this has all of the friction against it [rad/s].
+TURNING = 0.05
+
 # Half the interval over which a swing path is differentiated [s].
 _H = 1e-4
 
@@ -115,7 +118,9 @@ class Controller:
         omega = pose.angular_velocity
         force = self._mass * (linear - self._scene.model.opt.gravity)
         torque = inertia @ angular + cross(omega, inertia @ omega)
-        return np.concatenate((linear, angular)), np.concatenate((force, torque)) + self._trial.load
+        turning = min(max(target.yaw_rate / TURNING, -1.0), 1.0)
+        torque[2] += turning * self._trial.turning_friction
+        return np.concatenate((linear, angular)), np.concatenate((force, torque))
 
     # ---- 2  the contacts -------------------------------------------------------------------
 

@@ -119,9 +119,9 @@ class Log:
 
     @property
     def regrasps(self) -> int:
-        """How often a finger came back to the object after it had left."""
-        off = self.engagement <= 0
-        return int((off[:-1] & ~off[1:]).sum())
+        """How often a finger came back to the object after it had been more than 1 mm away."""
+        away = self.clearance > 1e-3
+        return int((away[:-1] & ~away[1:]).sum())
 
     # ---- files -----------------------------------------------------------------------------
 

@@ -8,10 +8,8 @@ the "object" that the contact forces carry.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
-
-import numpy as np
 
 from graspforce._arrays import Array, as_positive
 from graspforce.errors import InvalidInputError
@@ -106,8 +104,8 @@ class Trial:
         mu: the coefficient of friction that the controller counts on [-].
         alpha: weight of the linear limits, Eq. (16).
         c_max: ceiling of every normal force [N]; needed with steps.
-        load: wrench on top of weight and inertia that the fingers have to exert, such as against
-            a thread's friction, world axes, shape (6,) [N, N·m].
+        turning_friction: torque that resists the object's yaw, such as a thread's [N·m]; the
+            fingers make up for it while the motion turns.
         method: who distributes the forces, the WBF servo or a minimum-norm SOCP.
         gains: of the control law.
         disturbance: what the controller is not told.
@@ -131,11 +129,11 @@ class Trial:
     mu: float = 0.5
     alpha: float = 5.0
     c_max: float | None = None
-    load: Array = field(default_factory=lambda: np.zeros(6))
+    turning_friction: float = 0.0
     method: Method = "wbf"
     gains: Gains = Gains()
     disturbance: Disturbance = Disturbance()
-    rate: float = 1000.0
+    rate: float = 500.0
     duration: float = 2.0
 
     def __post_init__(self) -> None:

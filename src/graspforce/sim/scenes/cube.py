@@ -27,7 +27,7 @@ def hold(
     alpha: float = 5.0,
     *,
     mu: float = 0.5,
-    rate: float = 1000.0,
+    rate: float = 500.0,
     duration: float = 2.0,
 ) -> Trial:
     """Hold the cube at rest, off the palm's centre and turned by 0.1 rad (Section IV-A).
@@ -47,7 +47,7 @@ def circle(
     *,
     feed_forward: bool = True,
     mu: float = 0.5,
-    rate: float = 1000.0,
+    rate: float = 500.0,
     duration: float = 2.0,
 ) -> Trial:
     """Carry the cube round the paper's circle while it turns to and fro (Section IV-B.1).
@@ -71,7 +71,7 @@ def regrasp(
     c_max: float = 20.0,
     lift: float = 0.012,
     mu: float = 0.5,
-    rate: float = 1000.0,
+    rate: float = 500.0,
     duration: float = 2.0,
 ) -> Trial:
     """Carry the cube round the circle, finger 1 away from 0.5 to 1.5 s (Section IV-B.2).
@@ -97,18 +97,18 @@ def grips() -> tuple[Grip, ...]:
     return tuple(Grip(each.point, each.normal) for each in CUBE.side_contacts(PCWF(1.0)))
 
 
-def trial(name: str, summary: str, motion: Motion, mu: float, **options: Any) -> Trial:
+def trial(name: str, summary: str, motion: Motion, true_mu: float, **options: Any) -> Trial:
     """Return a trial with the paper's hand and cube.
 
     Args:
         name: of the trial.
         summary: of the trial.
         motion: of the cube.
-        mu: the true coefficient of friction [-]; the controller's is the option of that name.
+        true_mu: the true coefficient of friction [-]; the controller's is the option of that name.
         **options: further arguments of :class:`Trial`.
     """
     spec = parts.stage("cube")
-    fingers = parts.paper_hand(spec, HAND, mu)
+    fingers = parts.paper_hand(spec, HAND, true_mu)
     state = motion.at(0.0)
     body = spec.worldbody.add_body(name="object", pos=state.position)
     body.quat = (np.cos(state.yaw / 2), 0, 0, np.sin(state.yaw / 2))
@@ -116,7 +116,7 @@ def trial(name: str, summary: str, motion: Motion, mu: float, **options: Any) ->
     half = CUBE.side / 2
     body.add_geom(
         name="cube", type=mj.mjtGeom.mjGEOM_BOX, size=(half, half, half), mass=CUBE.mass,
-        rgba=parts.WOOD, **parts.grip_surface(mu), **parts.touching("object"),
+        rgba=parts.WOOD, **parts.grip_surface(true_mu), **parts.touching("object"),
     )  # fmt: skip
     parts.camera(spec, (0.34, -0.34, 0.26), (0.02, 0.0, 0.075))
     model = spec.compile()
@@ -128,5 +128,5 @@ def trial(name: str, summary: str, motion: Motion, mu: float, **options: Any) ->
     start[:12] = HAND.inverse_kinematics(tips)
     return Trial(
         name=name, summary=summary, model=model, start=start, fingers=fingers, grips=grips(),
-        motion=motion, **({"mu": mu} | options),
+        motion=motion, **({"mu": true_mu} | options),
     )  # fmt: skip

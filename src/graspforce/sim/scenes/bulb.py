@@ -1,0 +1,142 @@
+"""A light bulb screwed into its socket, finger by finger (Section III-C.3).
+
+The socket hangs overhead, the paper's hand reaches up from below, one finger after the other lets
+go, goes back and takes hold again while the others keep turning. The bulb is free in all six
+directions but for its thread, which ties the way up to the turn and resists it: nothing but the
+fingers keeps it upright and in the middle.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from graspforce._arrays import Array
+from graspforce.hands.paper import PaperHand
+from graspforce.regrasp import Release
+from graspforce.sim import parts
+from graspforce.sim.engine import mj
+from graspforce.sim.motions import Screw
+from graspforce.sim.trial import Gains, Grip, Step, Trial
+
+HAND = PaperHand("radial")
+RADIUS = 0.03  # of the globe [m]
+MASS = 0.05  # [kg]
+PITCH = 0.00362  # of an E27 thread [m]
+CENTRE = np.array([0.0, 0.0, 0.105])
+
+# The order in which fingers step: each is followed by the one opposite.
+_ORDER = (0, 2, 1, 3)
+
+
+def bulb(
+    alpha: float = 5.0,
+    *,
+    turn: float = 370.0,
+    rate_of_turn: float = 35.0,
+    cycle: float = 1.6,
+    thread_torque: float = 0.02,
+    mu: float = 0.7,
+    c_max: float = 10.0,
+    lift: float = 0.01,
+    rate: float = 500.0,
+) -> Trial:
+    """Screw a bulb in by a given angle, one finger stepping at a time.
+
+    Args:
+        alpha: weight of the linear limits against the friction cones.
+        turn: how far the bulb is turned [°].
+        rate_of_turn: [°/s].
+        cycle: the time in which every finger steps once [s].
+        thread_torque: with which the thread resists turning [N·m].
+        mu: coefficient of friction between fingertip and glass [-].
+        c_max: ceiling of every normal force [N].
+        lift: how far a stepping fingertip goes away from the bulb [m].
+        rate: control ticks a second [Hz].
+    """
+    motion = Screw(CENTRE, math.radians(turn), math.radians(rate_of_turn), ramp=0.4, pitch=PITCH)
+    steps = _steps(motion, cycle, lift)
+    grips = tuple(next(step.start for step in steps if step.release.finger == i) for i in range(4))
+    spec = parts.stage("bulb")
+    fingers = parts.paper_hand(spec, HAND, mu)
+    _add_bulb(spec, mu, thread_torque)
+    parts.camera(spec, (0.36, -0.36, 0.20), (0.0, 0.0, 0.085))
+    model = spec.compile()
+    start: Array = model.qpos0.copy()
+    start[:12] = HAND.inverse_kinematics(
+        [CENTRE + grip.point - parts.TIP_RADIUS * grip.normal for grip in grips]
+    )
+    return Trial(
+        name="bulb",
+        summary=f"a light bulb screwed in by {turn:g}°",
+        model=model, start=start, fingers=fingers, grips=grips, motion=motion, steps=steps,
+        mu=mu, alpha=alpha, c_max=c_max, rate=rate, duration=motion.duration + 0.3,
+        turning_friction=thread_torque,
+        gains=Gains(object_stiffness=2500.0, object_damping=100.0),
+    )  # fmt: skip
+
+
+def _steps(motion: Screw, cycle: float, lift: float) -> tuple[Step, ...]:
+    """Return every step of every finger until the bulb is in.
+
+    A finger sweeps about its own direction from the palm's centre, as far to one side as to the
+    other, and is away for an eighth of the cycle.
+    """
+    slot, swing = cycle / 4, cycle / 8
+    ramp = 0.45 * (slot - swing)
+    sweep = motion.rate * (cycle - swing)
+    steps: list[Step] = []
+    at: dict[int, float] = {}  # where each finger holds, as an angle on the bulb
+    number = 0
+    while (leave := motion.ramp + number * slot + ramp) + swing + ramp < motion.duration:
+        finger, back = _ORDER[number % 4], leave + swing
+        home = finger * math.pi / 2
+        start = at.get(finger, home + sweep / 2 - motion.at(leave).yaw)
+        end = home - sweep / 2 - motion.at(back).yaw
+        steps.append(Step(Release(finger, leave, back, ramp), _grip(start), _grip(end), lift))
+        at[finger] = end
+        number += 1
+    return tuple(steps)
+
+
+def _grip(angle: float) -> Grip:
+    """Return a grip on the globe's equator."""
+    outward = np.array([math.cos(angle), math.sin(angle), 0.0])
+    return Grip(RADIUS * outward, -outward)
+
+
+def _add_bulb(spec: Any, mu: float, thread_torque: float) -> None:
+    glass, brass, white = (0.98, 0.93, 0.72, 1.0), (0.72, 0.62, 0.36, 1.0), (0.93, 0.93, 0.93, 0.35)
+    body = spec.worldbody.add_body(name="object", pos=CENTRE)
+    slide, hinge = mj.mjtJoint.mjJNT_SLIDE, mj.mjtJoint.mjJNT_HINGE
+    for name, axis in (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("advance", (0, 0, 1))):
+        body.add_joint(name=name, type=slide, axis=axis)
+    body.add_joint(name="turn", type=hinge, axis=(0, 0, 1), frictionloss=thread_torque)
+    for name, axis in (("tilt_x", (1, 0, 0)), ("tilt_y", (0, 1, 0))):
+        body.add_joint(name=name, type=hinge, axis=axis)
+    thread = spec.add_equality(
+        type=mj.mjtEq.mjEQ_JOINT, objtype=mj.mjtObj.mjOBJ_JOINT, name1="advance", name2="turn",
+        solref=(0.002, 1.0),
+    )  # fmt: skip
+    thread.data[:2] = (0.0, PITCH / (2 * math.pi))
+    body.add_geom(
+        name="globe", type=mj.mjtGeom.mjGEOM_SPHERE, size=(RADIUS, 0, 0), mass=MASS, rgba=glass,
+        **parts.grip_surface(mu), **parts.touching("object"),
+    )  # fmt: skip
+    cylinder = mj.mjtGeom.mjGEOM_CYLINDER
+    for low, high, radius, rgba in ((0.02, 0.045, 0.018, glass), (0.045, 0.068, 0.013, brass)):
+        body.add_geom(
+            type=cylinder, fromto=(0, 0, low, 0, 0, high), size=(radius, 0, 0), mass=0, rgba=rgba,
+            **parts.touching("nothing"),
+        )  # fmt: skip
+    # A stripe, so that the turning is seen.
+    body.add_geom(
+        type=mj.mjtGeom.mjGEOM_CAPSULE, fromto=(0.0185, 0, 0.026, 0.0185, 0, 0.043),
+        size=(0.0012, 0, 0), mass=0, rgba=parts.DARK, **parts.touching("nothing"),
+    )  # fmt: skip
+    spec.worldbody.add_geom(
+        type=cylinder, fromto=(0, 0, 0.16, 0, 0, 0.20), size=(0.02, 0, 0), rgba=white,
+        **parts.touching("nothing"),
+    )  # fmt: skip

@@ -1,0 +1,78 @@
+"""The paper's circle with something wrong: what holds at which alpha, and what does not.
+
+The firmness trade-off in physics. A firm grip (small alpha) has friction in reserve when the world
+is not as assumed, and works the joints harder. A minimum-norm SOCP puts contacts on the very edge
+of their cones, where nothing is in reserve. 250 ticks a second, the paper's rate, so that two
+ticks of delay are 8 ms.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from graspforce.scenarios.paper import CIRCLE
+from graspforce.sim.disturbance import Disturbance, Push
+from graspforce.sim.scenes import cube
+from graspforce.sim.scenes.choice import chosen
+from graspforce.sim.trial import Trial
+
+ALPHAS = (0.1, 1.0, 5.0, 100.0)
+
+# What the controller counts on [-].
+_MU = 0.5
+
+_PUSHES = (
+    Push((2.5, 0.0, 0.0), start=0.3, duration=0.1),
+    Push((0.0, -2.5, 0.0), start=0.7, duration=0.1),
+    Push((0.0, 0.0, -2.5), start=1.1, duration=0.1),
+)  # fmt: skip
+
+KINDS: dict[str, tuple[str, dict[str, Any]]] = {
+    "none": ("nothing wrong", {}),
+    "push": ("pushed by the cube's weight, 0.1 s long, thrice", {"disturbance": Disturbance(_PUSHES)}),
+    "payload": (
+        "the payload doubles after 0.5 s",
+        {"disturbance": Disturbance(payload=2.0, payload_time=0.5)},
+    ),
+    "friction": ("friction 0.35 instead of 0.5", {"true_mu": 0.35}),
+    "noise": (
+        "noise: 1 mm, 1°, 20 mm/s, 0.3 rad/s",
+        {
+            "disturbance": Disturbance(
+                position_noise=1e-3, angle_noise=float(np.radians(1.0)), velocity_noise=0.02,
+                rate_noise=0.3,
+            )
+        },
+    ),
+    "delay": ("two ticks (8 ms) of delay", {"disturbance": Disturbance(delay=2)}),
+}  # fmt: skip
+
+
+def disturbance(
+    kind: str = "all", method: str = "all", *, rate: float = 250.0, duration: float = 2.0
+) -> tuple[Trial, ...]:
+    """Return the trials of one disturbance or all, with one grip or all.
+
+    Args:
+        kind: one of ``KINDS``, or "all".
+        method: "alpha=0.1", "alpha=1", "alpha=5", "alpha=100", "minimum_norm", or "all".
+        rate: control ticks a second [Hz].
+        duration: [s].
+
+    Raises:
+        InvalidInputError: an unknown kind or method.
+    """
+    methods: dict[str, dict[str, Any]] = {f"alpha={alpha:g}": {"alpha": alpha} for alpha in ALPHAS}
+    methods["minimum_norm"] = {"method": "minimum_norm"}
+    return tuple(
+        _trial(each, words, grip, options | methods[grip] | {"rate": rate, "duration": duration})
+        for each, (words, options) in chosen(kind, KINDS, "kind").items()
+        for grip in chosen(method, methods, "method")
+    )
+
+
+def _trial(kind: str, words: str, grip: str, options: dict[str, Any]) -> Trial:
+    true_mu = options.pop("true_mu", _MU)
+    return cube.trial(f"{kind}, {grip}", words, CIRCLE, true_mu, **({"mu": _MU} | options))
