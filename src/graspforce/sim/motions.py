@@ -40,32 +40,33 @@ class Move:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sway:
-    """To and fro about a place, in position and yaw, from rest.
+    """To a side and back, over and over, in position and yaw; from rest.
 
     Args:
-        centre: shape (3,) [m].
-        amplitude: shape (3,) [m].
-        yaw_amplitude: [rad].
+        start: shape (3,) [m].
+        way: from there to the far end, shape (3,) [m]; y is gone to and fro twice in a period.
+        yaw: at the far end [rad].
+        begin: when it sets off [s].
         period: [s].
     """
 
-    centre: Array
-    amplitude: Array
-    yaw_amplitude: float
+    start: Array
+    way: Array
+    yaw: float
+    begin: float
     period: float
 
     def at(self, t: float) -> State:
-        """Return the state at time t [s]: the way there and back is (1 − cos)/2, squared in z."""
-        w = 2 * math.pi / self.period
-        wave = np.array([math.sin(w * t), math.sin(2 * w * t), (1 - math.cos(w * t)) / 2])
-        rate = np.array([w * math.cos(w * t), 2 * w * math.cos(2 * w * t), w * math.sin(w * t) / 2])
-        curve = np.array(
-            [-(w**2) * math.sin(w * t), -4 * w**2 * math.sin(2 * w * t), w**2 * math.cos(w * t) / 2]
-        )
-        yaw = self.yaw_amplitude
+        """Return the state at time t [s]."""
+        time = max(t - self.begin, 0.0)
+        w = 2 * math.pi / self.period * np.array([1.0, 2.0, 1.0, 1.0])
+        far = np.append(self.way, self.yaw) / 2
+        place = far * (1 - np.cos(w * time))
+        rate = far * w * np.sin(w * time)
+        curve = far * w**2 * np.cos(w * time) * (t >= self.begin)
         return State(
-            self.centre + wave * self.amplitude, rate * self.amplitude, curve * self.amplitude,
-            yaw * float(wave[0]), yaw * float(rate[0]), yaw * float(curve[0]),
+            self.start + place[:3], rate[:3], curve[:3],
+            float(place[3]), float(rate[3]), float(curve[3]),
         )  # fmt: skip
 
 

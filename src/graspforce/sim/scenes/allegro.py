@@ -18,7 +18,7 @@ from graspforce.sim.engine import mj
 from graspforce.sim.motions import Move
 from graspforce.sim.reach import reach
 from graspforce.sim.scenes.choice import chosen
-from graspforce.sim.trial import Gains, Grip, Trial
+from graspforce.sim.trial import Grip, Trial
 
 CENTRE = np.array([0.085, -0.008, 0.0165])
 MASS = 0.15  # of every object [kg]
@@ -87,7 +87,7 @@ def _trial(
         summary="an Allegro hand holds an object and moves it by 1 cm",
         model=model, start=reach(model, start, fingers, targets), fingers=fingers, grips=grips,
         motion=Move(CENTRE, np.array([0.0, way, 0.0]), begin=0.3, duration=0.7),
-        mu=mu, alpha=alpha, rate=rate, duration=1.3, gains=Gains(),
+        mu=mu, alpha=alpha, rate=rate, duration=1.3,
     )  # fmt: skip
 
 
