@@ -35,6 +35,7 @@ class Log:
 
     Attributes:
         t: times, shape (T,) [s].
+        qpos: the model's joint positions, shape (T, nq) [rad, m].
         position: of the object's centre of mass, shape (T, 3) [m].
         quaternion: of the object, wxyz, shape (T, 4).
         target_position: shape (T, 3) [m].
@@ -43,7 +44,8 @@ class Log:
         yaw: the object's angle about z, without jumps, shape (T,) [rad].
         engagement: of every contact, shape (T, n).
         c: contact forces asked for, in the contact frames, shape (T, 3 n) [N].
-        force: contact forces that the physics gave, world axes, shape (T, n, 3) [N]; 0 when off.
+        force: contact forces that the physics gave at the end of the tick, world axes, shape
+            (T, n, 3) [N]; 0 when off.
         normal_force: their normal components, shape (T, n) [N].
         point: contact points, shape (T, n, 3) [m].
         normal: contact normals into the object, shape (T, n, 3).
@@ -58,6 +60,7 @@ class Log:
     """
 
     t: Array
+    qpos: Array
     position: Array
     quaternion: Array
     target_position: Array
@@ -80,14 +83,14 @@ class Log:
     message: str = ""
 
     @classmethod
-    def blank(cls, ticks: int, n: int, tau_max: Array) -> Log:
-        """Return a log with room for T ticks of n contacts."""
+    def blank(cls, ticks: int, nq: int, n: int, tau_max: Array) -> Log:
+        """Return a log with room for T ticks of nq joint positions and n contacts."""
 
         def room(*shape: int) -> Array:
             return np.zeros((ticks, *shape))
 
         return cls(
-            t=room(), position=room(3), quaternion=room(4), target_position=room(3),
+            t=room(), qpos=room(nq), position=room(3), quaternion=room(4), target_position=room(3),
             position_error=room(), rotation_error=room(), yaw=room(), engagement=room(n),
             c=room(3 * n), force=room(n, 3), normal_force=room(n), point=room(n, 3),
             normal=room(n, 3), clearance=room(n), tau=room(len(tau_max)), tau_max=tau_max,

@@ -18,16 +18,13 @@ from graspforce.trajectory import State
 # Farther from its target than this, the object counts as dropped [m].
 DROPPED = 0.05
 
-# Sees the scene after each tick, with what was decided in it: a camera, say.
-Watch = Callable[[int, Scene, Command], None]
 
-
-def run(trial: Trial, watch: Watch | None = None) -> Log:
+def run(trial: Trial, progress: Callable[[int], None] | None = None) -> Log:
     """Run a trial to its end, or to where the object drops or the physics diverges.
 
     Args:
         trial: what to simulate.
-        watch: called after every tick with its index, the scene and the tick's command.
+        progress: called with the index of every tick when it is done.
 
     Returns:
         The log up to the end; ``ending`` and ``message`` say how it came.
@@ -35,7 +32,7 @@ def run(trial: Trial, watch: Watch | None = None) -> Log:
     scene = Scene(trial)
     controller = Controller(trial, scene)
     world = _World(trial, scene)
-    log = Log.blank(trial.ticks, len(trial.fingers), scene.tau_max)
+    log = Log.blank(trial.ticks, trial.model.nq, len(trial.fingers), scene.tau_max)
     slip = np.zeros(len(trial.fingers))
     pose, touches = scene.pose(), scene.touches()
     for tick in range(trial.ticks):
@@ -48,8 +45,10 @@ def run(trial: Trial, watch: Watch | None = None) -> Log:
             scene.step(tau)
             pose, touches = scene.pose(), scene.touches()
             slip = (slip + _slid(scene, pose, touches)) * (command.engagement > 0)
-        if watch is not None:
-            watch(tick, scene, command)
+        log.force[tick] = scene.forces
+        log.normal_force[tick] = np.einsum("ij,ij->i", scene.forces, log.normal[tick])
+        if progress is not None:
+            progress(tick)
         ending, cause = _end(scene, log.position_error[tick])
         if ending is not Ending.COMPLETED:
             return log.ended(tick + 1, ending, f"at tick {tick} ({t:.3f} s) {cause}")
@@ -104,7 +103,7 @@ class _World:
             pose.angular_velocity + noise(given.rate_noise),
         )
         return noisy, [
-            touch and Touch(touch.point + noise(given.position_noise), touch.normal, touch.force)
+            touch and Touch(touch.point + noise(given.position_noise), touch.normal)
             for touch in touches
         ]
 
@@ -154,6 +153,7 @@ def _write(
     scene: Scene,
 ) -> None:
     log.t[tick] = t
+    log.qpos[tick] = scene.data.qpos
     log.position[tick] = pose.position
     mj.mju_mat2Quat(log.quaternion[tick], pose.rotation.ravel())
     log.target_position[tick] = target.position
@@ -166,9 +166,6 @@ def _write(
     log.engagement[tick] = command.engagement
     log.c[tick] = command.solution.c
     for i, (touch, contact) in enumerate(zip(touches, command.contacts, strict=True)):
-        if touch is not None:
-            log.force[tick, i] = touch.force
-            log.normal_force[tick, i] = touch.force @ touch.normal
         log.point[tick, i] = contact.point
         log.normal[tick, i] = contact.normal
         log.clearance[tick, i] = 0.0 if touch is not None else scene.clearance(i)

@@ -21,12 +21,12 @@ TIP_RADIUS = 0.004  # of the paper's hand [m]
 # Contact bits: robots touch objects and the floor, never themselves.
 _ROBOT, _OBJECT = 1, 2
 
-_LINK_RADIUS = 0.005  # [m]
+_LINK_RADIUS = 0.0035  # [m]
 _LINK_MASS = 0.02  # [kg]
 _TIP_MASS = 0.002  # [kg]
 
 GREY, DARK, TIP, WOOD = (
-    (0.62, 0.66, 0.70, 1.0), (0.27, 0.31, 0.36, 1.0), (0.13, 0.15, 0.18, 1.0), (0.87, 0.68, 0.42, 1.0),
+    (0.62, 0.66, 0.70, 1.0), (0.27, 0.31, 0.36, 1.0), (0.13, 0.15, 0.18, 1.0), (0.87, 0.68, 0.42, 0.45),
 )  # fmt: skip
 
 
@@ -136,10 +136,12 @@ def _link(body: Any, length: float) -> None:
     )  # fmt: skip
 
 
-def camera(spec: Any, position: Sequence[float], target: Sequence[float]) -> None:
-    """Add the camera that stills and videos look through."""
+def camera(
+    spec: Any, position: Sequence[float], target: Sequence[float], angle: float = 24.0
+) -> None:
+    """Add the camera that stills and videos look through, with its vertical angle of view [°]."""
     forward = np.subtract(target, position)
     right = np.cross(forward, (0, 0, 1))
-    view = spec.worldbody.add_camera(name="view", pos=position, fovy=35)
+    view = spec.worldbody.add_camera(name="view", pos=position, fovy=angle)
     view.alt.type = mj.mjtOrientation.mjORIENTATION_XYAXES
     view.alt.xyaxes = np.concatenate((right, np.cross(right, forward)))

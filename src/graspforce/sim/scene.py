@@ -7,6 +7,7 @@ contact belongs to which finger, where its normal points. World axes throughout.
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,12 +27,10 @@ class Touch:
     Attributes:
         point: shape (3,) [m].
         normal: into the object, shape (3,).
-        force: that the finger exerts on the object there, world axes, shape (3,) [N].
     """
 
     point: Array
     normal: Array
-    force: Array
 
 
 @dataclass(slots=True, eq=False)
@@ -64,6 +63,8 @@ class Scene:
         dofs: for each finger the indices of its degrees of freedom.
         columns: for each finger its joints' places in tau.
         tau_max: torque limit of every joint, shape (n_joints,) [N·m].
+        forces: that fingers exerted on the object, or the ground on the feet, in the last physics
+            step, world axes, shape (n, 3) [N].
         side: 1 where the fingers push on the object, −1 where the ground pushes on the feet: the
             sign between J and the motion of the contact relative to the finger's root.
     """
@@ -93,6 +94,7 @@ class Scene:
         )
         self._partners = {int(each) for each in partners}
         self._finger_of = {tip: i for i, tip in enumerate(self.tips)}
+        self.forces = np.zeros((len(self.tips), 3))
         nv = self.model.nv
         self._jacobian, self._jacobian_dot = np.zeros((3, nv)), np.zeros((3, nv))
         self._six, self._mass_matrix = np.zeros(6), np.zeros((nv, nv))
@@ -168,20 +170,21 @@ class Scene:
         """Return the contact of every finger; None for one that is off."""
         found: list[Touch | None] = [None] * len(self.tips)
         contacts = self.data.contact
-        for k, (first, second) in enumerate(contacts.geom.tolist()):
-            if first in self._partners and second in self._finger_of:
-                finger, towards_tip = second, 1.0
-            elif second in self._partners and first in self._finger_of:
-                finger, towards_tip = first, -1.0
-            else:
-                continue
-            frame = contacts.frame[k].reshape(3, 3)  # rows; the first from geom 1 to geom 2
-            mj.mj_contactForce(self.model, self.data, k, self._six)
-            # On geom 2. On feet the ground's force counts, on an object the fingertip's.
-            force = towards_tip * (-self.side) * (frame.T @ self._six[:3])
-            normal = -self.side * towards_tip * frame[0]
-            found[self._finger_of[finger]] = Touch(contacts.pos[k].copy(), normal, force)
+        for k, finger, inward in self._contacts():
+            found[finger] = Touch(contacts.pos[k].copy(), inward * contacts.frame[k, :3])
         return found
+
+    def _contacts(self) -> Iterator[tuple[int, int, float]]:
+        """Yield the contacts of fingertips: index, finger, and whether its normal points inward.
+
+        MuJoCo's normals point from the first geom to the second. Inward is from a fingertip into
+        the object, and from the ground into a foot.
+        """
+        for k, (first, second) in enumerate(self.data.contact.geom.tolist()):
+            if first in self._partners and second in self._finger_of:
+                yield k, self._finger_of[second], -self.side
+            elif second in self._partners and first in self._finger_of:
+                yield k, self._finger_of[first], self.side
 
     def tip(self, finger: int) -> tuple[Array, float]:
         """Return a tip's centre, shape (3,), and its radius [m]."""
@@ -240,6 +243,13 @@ class Scene:
         """Advance the physics by one step under joint torques, shape (n_joints,) [N·m]."""
         self.data.ctrl[self._motors] = tau
         mj.mj_step2(self.model, self.data)
+        # Only between these two are the forces those of the contacts that the data list.
+        self.forces[:] = 0.0
+        for k, finger, inward in self._contacts():
+            mj.mj_contactForce(self.model, self.data, k, self._six)
+            # MuJoCo's is the force on the second geom, in the contact's frame, whose axes are rows.
+            axes = self.data.contact.frame[k].reshape(3, 3)
+            self.forces[finger] += inward * (self._six[:3] @ axes)
         mj.mj_step1(self.model, self.data)
 
     def trouble(self) -> str:

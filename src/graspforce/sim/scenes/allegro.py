@@ -76,7 +76,7 @@ def _trial(
         name=shape, mass=MASS, rgba=parts.WOOD, **_geometry(shape), **parts.grip_surface(mu),
         **parts.touching("object"),
     )  # fmt: skip
-    parts.camera(spec, (0.50, 0.28, 0.22), (0.05, 0.0, 0.03))
+    parts.camera(spec, (0.45, 0.27, 0.2), (0.05, -0.005, 0.015))
     model = spec.compile()
     grips = _sphere_grips() if shape == "sphere" else _flat_grips()
     start: Array = model.qpos0.copy()

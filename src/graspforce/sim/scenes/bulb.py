@@ -58,11 +58,11 @@ def bulb(
     """
     motion = Screw(CENTRE, math.radians(turn), math.radians(rate_of_turn), ramp=0.4, pitch=PITCH)
     steps = _steps(motion, cycle, lift)
-    grips = tuple(next(step.start for step in steps if step.release.finger == i) for i in range(4))
+    grips = tuple(_first_grip(finger, steps) for finger in range(4))
     spec = parts.stage("bulb")
     fingers = parts.paper_hand(spec, HAND, mu)
     _add_bulb(spec, mu, thread_torque)
-    parts.camera(spec, (0.36, -0.36, 0.20), (0.0, 0.0, 0.085))
+    parts.camera(spec, (0.36, -0.36, 0.20), (0.0, 0.0, 0.088), angle=27)
     model = spec.compile()
     start: Array = model.qpos0.copy()
     start[:12] = HAND.inverse_kinematics(
@@ -101,6 +101,12 @@ def _steps(motion: Screw, cycle: float, lift: float) -> tuple[Step, ...]:
     return tuple(steps)
 
 
+def _first_grip(finger: int, steps: tuple[Step, ...]) -> Grip:
+    """Return where a finger holds until its first step; where it stands, when it has none."""
+    starts = (step.start for step in steps if step.release.finger == finger)
+    return next(starts, _grip(finger * math.pi / 2))
+
+
 def _grip(angle: float) -> Grip:
     """Return a grip on the globe's equator."""
     outward = np.array([math.cos(angle), math.sin(angle), 0.0])
@@ -108,7 +114,7 @@ def _grip(angle: float) -> Grip:
 
 
 def _add_bulb(spec: Any, mu: float, thread_torque: float) -> None:
-    glass, brass, white = (0.98, 0.93, 0.72, 1.0), (0.72, 0.62, 0.36, 1.0), (0.93, 0.93, 0.93, 0.35)
+    glass, brass, white = (0.95, 0.85, 0.45, 0.45), (0.72, 0.62, 0.36, 1.0), (0.8, 0.82, 0.85, 0.3)
     body = spec.worldbody.add_body(name="object", pos=CENTRE)
     slide, hinge = mj.mjtJoint.mjJNT_SLIDE, mj.mjtJoint.mjJNT_HINGE
     for name, axis in (("x", (1, 0, 0)), ("y", (0, 1, 0)), ("advance", (0, 0, 1))):

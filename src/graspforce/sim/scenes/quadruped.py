@@ -47,7 +47,7 @@ def quadruped(
     """
     spec = parts.stage("quadruped")
     legs = _add_robot(spec, mu)
-    parts.camera(spec, (0.95, -0.95, 0.55), (0.0, 0.0, 0.22))
+    parts.camera(spec, (1.05, -1.0, 0.55), (0.0, 0.0, 0.17), angle=30)
     model = spec.compile()
     start: Array = model.qpos0.copy()
     start[7:] = np.tile((0.0, 0.7, -1.4), 4)
@@ -81,7 +81,7 @@ def _add_robot(spec: Any, mu: float) -> tuple[Finger, ...]:
     trunk = spec.worldbody.add_body(name="trunk", pos=(0, 0, _HEIGHT))
     trunk.add_freejoint(name="trunk")
     trunk.add_geom(
-        type=types.mjGEOM_BOX, size=(0.23, 0.08, 0.045), mass=8.0, rgba=parts.WOOD, **nothing
+        type=types.mjGEOM_BOX, size=(0.23, 0.08, 0.045), mass=8.0, rgba=parts.GREY, **nothing
     )
     legs: list[Finger] = []
     for name, (x, y) in zip(("FL", "FR", "RL", "RR"), _HIPS, strict=True):

@@ -1,0 +1,222 @@
+"""Stills and videos of a simulation, drawn again from its log.
+
+Every contact gets its friction cone and, in it, the force that the physics gave: what a fingertip
+exerts on the object, which the scenes draw translucent, or the ground on a foot.
+
+Drawing is offscreen, by EGL where ``MUJOCO_GL`` does not say otherwise.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+import platform
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._arrays import Array
+from graspforce.errors import GraspForceError, InvalidInputError, MissingExtraError
+from graspforce.files import check_output, replacing
+from graspforce.sim.engine import mj
+from graspforce.sim.log import Log
+from graspforce.sim.trial import Trial
+
+STILLS = (".png",)
+VIDEOS = (".mp4", ".gif")
+
+Image = NDArray[np.uint8]
+
+_CONE = (0.0, 0.45, 0.70, 0.28)
+_FORCE = (0.84, 0.37, 0.0, 1.0)
+_FACETS = 32
+
+
+class RenderError(GraspForceError):
+    """Nothing can be drawn here; the text says what to install or to set."""
+
+
+class Camera:
+    """Draws moments of a simulation as images; close it, or use it in a ``with``.
+
+    Args:
+        trial: what was simulated.
+        log: what it gave.
+        width: of the images [pixel].
+        height: likewise; at most 1280 × 960.
+
+    Raises:
+        RenderError: there is no OpenGL to draw with.
+    """
+
+    def __init__(self, trial: Trial, log: Log, width: int = 640, height: int = 480) -> None:
+        self._trial, self._log = trial, log
+        self._data = mj.MjData(trial.model)
+        self._gl = _open_gl(width, height)
+        self._context: Any = mj.MjrContext(trial.model, mj.mjtFontScale.mjFONTSCALE_100.value)
+        mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._scene = mj.MjvScene(trial.model, maxgeom=2000)
+        self._options, self._view = mj.MjvOption(), mj.MjvCamera()
+        self._view.type = mj.mjtCamera.mjCAMERA_FIXED
+        self._view.fixedcamid = trial.model.camera("view").id
+        self._rectangle = mj.MjrRect(0, 0, width, height)
+        # The largest force of most ticks is drawn half as long as the object is wide.
+        largest = float(np.median(np.linalg.norm(log.force, axis=-1).max(axis=1))) or 1.0
+        self._length = 0.5 * _size(trial) / largest
+
+    def __enter__(self) -> Camera:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        self._context.free()
+        self._gl.free()
+
+    def image(self, tick: int) -> Image:
+        """Return the picture of a tick, shape (height, width, 3)."""
+        model, data = self._trial.model, self._data
+        data.qpos[:] = self._log.qpos[tick]
+        mj.mj_forward(model, data)
+        every = mj.mjtCatBit.mjCAT_ALL.value
+        mj.mjv_updateScene(model, data, self._options, None, self._view, every, self._scene)
+        for finger in np.flatnonzero(self._log.engagement[tick] > 0):
+            self._draw_contact(tick, int(finger))
+        pixels = np.empty((self._rectangle.height, self._rectangle.width, 3), np.uint8)
+        self._gl.make_current()
+        mj.mjr_render(self._rectangle, self._scene, self._context)
+        mj.mjr_readPixels(pixels, None, self._rectangle, self._context)
+        return np.flipud(pixels)
+
+    def _draw_contact(self, tick: int, finger: int) -> None:
+        point, normal = self._log.point[tick, finger], self._log.normal[tick, finger]
+        force = self._log.force[tick, finger]
+        length = 0.3 * _size(self._trial)
+        x = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+        x = x / np.linalg.norm(x)
+        y = np.cross(normal, x)
+        angles = np.linspace(0, 2 * math.pi, _FACETS + 1)
+        rim = length * self._trial.mu * (np.outer(np.cos(angles), x) + np.outer(np.sin(angles), y))
+        rim = rim + length * normal
+        for one, other in zip(rim[:-1], rim[1:], strict=True):
+            self._triangle(point, one, other)
+        if np.linalg.norm(force) * self._length > 1e-3 * length:
+            arrow = self._new_geom(mj.mjtGeom.mjGEOM_ARROW, _FORCE)
+            end = point + self._length * force
+            mj.mjv_connector(arrow, mj.mjtGeom.mjGEOM_ARROW, 0.06 * length, point, end)
+
+    def _triangle(self, corner: Array, one: Array, other: Array) -> None:
+        geom = self._new_geom(mj.mjtGeom.mjGEOM_TRIANGLE, _CONE)
+        geom.pos = corner
+        geom.mat = np.column_stack((one, other, np.cross(one, other)))
+        geom.size = np.ones(3)
+
+    def _new_geom(self, kind: Any, rgba: tuple[float, float, float, float]) -> Any:
+        geom = self._scene.geoms[self._scene.ngeom]
+        self._scene.ngeom += 1
+        mj.mjv_initGeom(
+            geom, kind, np.ones(3), np.zeros(3), np.eye(3).ravel(), np.array(rgba, np.float32)
+        )
+        return geom
+
+
+def save_still(trial: Trial, log: Log, path: str | Path, t: float) -> None:
+    """Write a picture of the time t [s] to a .png of 1280 × 960 pixels.
+
+    Raises:
+        InvalidInputError: another ending, or a time that was not simulated.
+        RenderError: there is no OpenGL to draw with.
+        MissingExtraError: imageio is not installed.
+    """
+    check_output(path, STILLS)
+    tick = round(t * trial.rate)
+    if not 0 <= tick < len(log.t):
+        raise InvalidInputError(f"t: got {t} s, expected 0 to {log.t[-1]:g} s")
+    writer = _imageio()
+    with Camera(trial, log, 1280, 960) as camera, replacing(path) as temporary:
+        writer.imwrite(temporary, camera.image(tick))
+
+
+def save_video(
+    trial: Trial,
+    log: Log,
+    path: str | Path,
+    *,
+    frame_rate: float = 25.0,
+    speed: float = 1.0,
+    progress: Callable[[int], None] | None = None,
+) -> None:
+    """Write a video to a .mp4 or an animated .gif.
+
+    Args:
+        trial: what was simulated.
+        log: what it gave.
+        path: the file to write.
+        frame_rate: [1/s].
+        speed: of the film, 0.5 for slow motion at half the speed.
+        progress: called with the index of every frame when it is drawn.
+
+    Raises:
+        InvalidInputError: another ending.
+        RenderError: there is no OpenGL to draw with.
+        MissingExtraError: imageio is not installed.
+    """
+    check_output(path, VIDEOS)
+    writer = _imageio()
+    ticks = frames(trial, log, frame_rate, speed)
+    kind: dict[str, Any] = (
+        {"duration": 1000 / frame_rate, "loop": 0}
+        if Path(path).suffix == ".gif"
+        else {"fps": frame_rate, "macro_block_size": 16, "quality": 8}
+    )
+    with Camera(trial, log) as camera, replacing(path) as temporary:
+        with writer.get_writer(temporary, **kind) as film:
+            for index, tick in enumerate(ticks):
+                film.append_data(camera.image(tick))
+                if progress is not None:
+                    progress(index)
+
+
+def frames(trial: Trial, log: Log, frame_rate: float = 25.0, speed: float = 1.0) -> list[int]:
+    """Return the ticks that a video shows."""
+    step = trial.rate * speed / frame_rate
+    return [round(k * step) for k in range(int((len(log.t) - 1) / step) + 1)]
+
+
+def _size(trial: Trial) -> float:
+    """Return the size of what is carried, as the distance between opposite contacts [m]."""
+    points = np.array([grip.point for grip in trial.grips])
+    return float(np.linalg.norm(points[:, None] - points, axis=-1).max())
+
+
+def _open_gl(width: int, height: int) -> Any:
+    """Return an OpenGL context made current, whichever way this machine has one."""
+    wanted = os.environ.get("MUJOCO_GL", "").lower() or (
+        "egl" if platform.system() == "Linux" else ""
+    )
+    try:
+        module = importlib.import_module(
+            f"mujoco.{wanted}" if wanted in ("egl", "osmesa", "glfw") else "mujoco.gl_context"
+        )
+        context: Any = module.GLContext(width, height)
+        context.make_current()
+    except Exception as error:  # what a missing driver raises differs with each platform
+        raise RenderError(
+            f"rendering: MUJOCO_GL={wanted or '(not set)'} gives no OpenGL context ({error}); "
+            "without a screen set MUJOCO_GL=egl and install libegl1 and libgl1-mesa-dri, or set "
+            "MUJOCO_GL=osmesa and install libosmesa6 (Debian's names)"
+        ) from error
+    return context
+
+
+def _imageio() -> Any:
+    try:
+        return importlib.import_module("imageio.v2")
+    except ImportError as error:
+        raise MissingExtraError("pictures and videos", "imageio", "sim") from error
