@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         reference,
         regrasp,
         scenarios,
+        sim,
         trajectory,
     )
 
@@ -86,13 +87,24 @@ __all__ = [
     "reference",
     "regrasp",
     "scenarios",
+    "sim",
     "solve",
     "trajectory",
 ]
 
 # Imported at first use, so that `import graspforce` stays as light as NumPy.
 _LAZY = frozenset(
-    {"baselines", "figures", "files", "hands", "reference", "regrasp", "scenarios", "trajectory"}
+    {
+        "baselines",
+        "figures",
+        "files",
+        "hands",
+        "reference",
+        "regrasp",
+        "scenarios",
+        "sim",
+        "trajectory",
+    }
 )
 
 

@@ -9,9 +9,11 @@ A new command is one more function below, under ``@app.command()``.
 
 from __future__ import annotations
 
+import json
+import math
 import sys
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
     from graspforce.bench import Run
     from graspforce.files import NamedProblem, NamedSolution
     from graspforce.scenarios import Log
+    from graspforce.sim import Log as SimLog
+    from graspforce.sim import Trial
 
 # Grasps without an answer whose message is printed below the table; all are in --out.
 MESSAGES = 5
@@ -184,6 +188,73 @@ def scenario(
             log.write_csv(temporary)
         _report_log(log)
         typer.echo(f"Every tick is in {path}")
+
+
+@app.command(
+    epilog=_examples(
+        "graspforce simulate regrasp --video regrasp.mp4",
+        "graspforce simulate hold --set alpha=100 --set mu=0.8 --log hold.parquet",
+        "graspforce simulate allegro --set shape=sphere --set gravity=palm_down --video ball.gif",
+        "graspforce simulate disturbance",
+    )
+)
+def simulate(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            help="hold, circle, regrasp, allegro, bulb, disturbance or quadruped.",
+        ),
+    ],
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change an option of the scene."),
+    ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="Write every tick to this .npz, .parquet or .csv; replaces a file."),
+    ] = None,
+    video: Annotated[
+        Path | None, typer.Option(help="Write a film to this .mp4 or .gif; replaces a file.")
+    ] = None,
+) -> None:
+    """Run a scene in physics, in closed loop with the force distribution.
+
+    The table shows, for each trial, how it ended, the largest errors of the object's pose, the
+    farthest way that a fingertip slipped, the largest share of its limit that a joint torque
+    took, and the mean number of Newton steps. Dropped objects are listed as such, and are no
+    error. Needs the extra: pip install 'graspforce[sim]'.
+    """
+    with _one_line_errors():
+        from graspforce import sim
+
+        trials = sim.get(name, **dict(_setting(each) for each in changes or ()))
+        if len(trials) > 1 and (log or video):
+            raise InvalidInputError(
+                f"{'--log' if log else '--video'}: {name} makes {len(trials)} trials, expected "
+                "one; choose it with --set"
+            )
+        if log is not None:
+            sim.check_log_file(log)
+        if video is not None:
+            sim.check_video_file(video)
+        logs: list[SimLog] = []
+        with _stage_bars() as progress:
+            for trial in trials:
+                logs.append(
+                    sim.run(trial, lambda tick, t=trial: progress(t.name, tick + 1, t.ticks))
+                )
+            for trial, each in zip(trials, logs, strict=True):
+                if log is not None:
+                    each.save(log)
+                if video is not None:
+                    sim.save_video(
+                        trial, each, video, lambda done, total: progress("film", done, total)
+                    )
+        _report_trials(trials, logs)
+        for path, what in ((log, "Every tick"), (video, "The film")):
+            if path is not None:
+                typer.echo(f"{what} is in {path}")
 
 
 @app.command(epilog=_examples("graspforce reproduce", "graspforce reproduce --out results"))
@@ -485,6 +556,50 @@ def _report_log(log: Log) -> None:
     one = int((log.newton_steps[solved] == 1).sum())
     ticks = _counts("tick", (Status(each) for each in log.status))
     console.print(f"{ticks}; {one} in one Newton step")
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    """Return key and value of ``key=value``: a number where it is one, else text."""
+    key, found, value = text.partition("=")
+    if not (key and found):
+        raise InvalidInputError(f"--set: got {text!r}, expected KEY=VALUE")
+    try:
+        return key, json.loads(value)
+    except ValueError:
+        return key, value
+
+
+def _report_trials(trials: Sequence[Trial], logs: Sequence[SimLog]) -> None:
+    """Print a row a trial, and below why some did not end well."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.add_column("trial", no_wrap=True)
+    table.add_column("ending", no_wrap=True)
+    for heading in (
+        "position\n[mm]", "rotation\n[°]", "slip\n[mm]", "torque\n[%]", "Newton\nsteps", "regrasps"
+    ):  # fmt: skip
+        table.add_column(Text(heading), justify="right")
+    for trial, log in zip(trials, logs, strict=True):
+        table.add_row(
+            trial.name,
+            Text(log.ending.value, style="green" if log.held else "red"),
+            f"{1e3 * log.position_error.max():.3f}",
+            f"{math.degrees(log.rotation_error.max()):.2f}",
+            f"{1e3 * log.slip.max():.3f}",
+            f"{100 * log.torque_use:.0f}",
+            f"{log.newton_steps.mean():.2f}",
+            str(log.regrasps),
+        )
+    console = _console()
+    for words in dict.fromkeys(trial.summary for trial in trials):
+        console.print(words)
+    console.print(table)
+    for trial, log in zip(trials, logs, strict=True):
+        if not log.held:
+            console.print(Text(f"{trial.name}: {log.ending.value} {log.message}"))
 
 
 def _counts(what: str, statuses: Iterable[Status]) -> str:

@@ -17,6 +17,7 @@ blended by it, so that nothing jumps.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -161,7 +162,7 @@ class Controller:
 
     def _distribute(self, f: Array, W: Array, J: Array, own: Array, engagement: Array) -> Solution:
         trial, tau_max = self._trial, self._scene.tau_max
-        ceiling = {} if trial.c_max is None else {"engagement": engagement}
+        ceiling: dict[str, Any] = {} if trial.c_max is None else {"engagement": engagement}
         if self._servo is None:
             problem = ForceProblem(
                 W, f, PCWF(trial.mu), J, -tau_max, tau_max, own,
@@ -180,33 +181,47 @@ class Controller:
         contacts: tuple[Contact, ...],
         engagement: Array,
     ) -> Array:
-        scene, gains = self._scene, self._gains
+        """Return what the joints need beside J.T c, shape (n_joints,) [N·m]."""
+        scene = self._scene
         own = scene.bias
         mass_matrix = scene.mass_matrix()
-        q_off, q_dot = scene.q - self._q_start, scene.q_dot
-        for i, (contact, share) in enumerate(zip(contacts, engagement.tolist(), strict=True)):
-            columns, dofs = scene.columns[i], scene.dofs[i]
-            M = mass_matrix[np.ix_(dofs, dofs)]
+        for i, contact in enumerate(contacts):
+            share = float(engagement[i])
+            point, wanted = contact.point, np.zeros(3)
+            if self._gains.feed_forward:
+                wanted = share * _point_acceleration(acceleration, pose, point)
             if share < 1:
-                point, wanted = self._swing(t, i)
-            else:
-                point, wanted = contact.point, np.zeros(3)
-            if share > 0 and gains.feed_forward:
-                held = _point_acceleration(acceleration, pose, contact.point)
-                wanted = (1 - share) * wanted + share * held
-            elif share > 0:
-                wanted = (1 - share) * wanted
-            J = scene.side * scene.jacobian(i, point)
-            drift = scene.side * scene.drift(i, point)
-            # Λ = (J M⁻¹ J.T)⁻¹, the inertia that is felt at the point.
-            JMinv = np.linalg.solve(M, J.T).T
-            felt = np.linalg.inv(JMinv @ J.T)
-            if share < 1 or gains.feed_forward:
-                own[columns] += J.T @ (felt @ (wanted - drift))
-            if J.shape[1] > 3:  # joint motion that leaves the point where it is
-                still = -M @ (gains.null_stiffness * q_off + gains.null_damping * q_dot)[columns]
-                own[columns] += still - J.T @ (felt @ (JMinv @ still))
+                point, swing = self._swing(t, i)
+                wanted = wanted + (1 - share) * swing
+            M = mass_matrix[np.ix_(scene.dofs[i], scene.dofs[i])]
+            own[scene.columns[i]] += self._finger_torques(
+                i, M, point, wanted if share < 1 or self._gains.feed_forward else None
+            )
         return own
+
+    def _finger_torques(self, i: int, M: Array, point: Array, wanted: Array | None) -> Array:
+        """Return the torques that move a finger's inertia, and calm its redundant joints.
+
+        Args:
+            i: the finger.
+            M: its inertia, shape (k, k).
+            point: of the tip, shape (3,).
+            wanted: acceleration of that point relative to what the finger stands on, shape (3,)
+                [m/s²]; None for no say in it.
+        """
+        scene, gains = self._scene, self._gains
+        J = scene.side * scene.jacobian(i, point)
+        J_over_M = np.linalg.solve(M, J.T).T
+        felt = np.linalg.inv(J_over_M @ J.T)  # Λ, the inertia that is felt at the point
+        tau = np.zeros(len(M))
+        if wanted is not None:
+            tau += J.T @ (felt @ (wanted - scene.side * scene.drift(i, point)))
+        if len(M) > 3:  # joint motion that leaves the point where it is
+            columns = scene.columns[i]
+            q_off, q_dot = scene.q[columns] - self._q_start[columns], scene.q_dot[columns]
+            still = -M @ (gains.null_stiffness * q_off + gains.null_damping * q_dot)
+            tau += still - J.T @ (felt @ (J_over_M @ still))
+        return tau
 
     def _swing(self, t: float, finger: int) -> tuple[Array, Array]:
         """Return the tip's centre and its wanted acceleration, for a finger off the object."""
@@ -222,7 +237,8 @@ class Controller:
         acceleration = (
             (after - 2 * now + before) / _H**2
             + gains.swing_stiffness * (now - centre)
-            + gains.swing_damping * ((after - before) / (2 * _H) - scene.tip_velocity(finger, centre))
+            + gains.swing_damping
+            * ((after - before) / (2 * _H) - scene.tip_velocity(finger, centre))
         )
         return centre, acceleration
 

@@ -4,26 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from graspforce._arrays import Array, as_array
 from graspforce.errors import InvalidInputError
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Push:
     """A force on the object's centre of mass for a while, half a sine in time.
 
     Args:
-        force: at its peak, world axes, shape (3,) [N].
+        force: at its peak, world axes, x, y, z [N].
         start: [s].
         duration: [s].
     """
 
-    force: Array
+    force: tuple[float, float, float]
     start: float
     duration: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "force", as_array(self.force, "force", (3,)))
 
 
 @dataclass(frozen=True, slots=True)

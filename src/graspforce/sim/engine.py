@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+from collections.abc import Generator
+from contextlib import contextmanager
 from typing import Any
 
 from graspforce.errors import MissingExtraError
@@ -9,11 +12,28 @@ from graspforce.errors import MissingExtraError
 
 def _load() -> Any:
     try:
-        import mujoco
+        return importlib.import_module("mujoco")
     except ImportError as error:
         raise MissingExtraError("simulation", "mujoco", "sim") from error
-    return mujoco
 
 
 mj: Any = _load()
 """The module ``mujoco``."""
+
+
+def _say_nothing(warning: str) -> None:
+    """Serve as MuJoCo's handler of warnings."""
+
+
+@contextmanager
+def quiet() -> Generator[None]:
+    """Keep MuJoCo's warnings off stderr and out of the file MUJOCO_LOG.TXT.
+
+    They are counted in the simulation's data, where :meth:`Scene.trouble` reads them.
+    """
+    before = mj.get_mju_user_warning()
+    mj.set_mju_user_warning(_say_nothing)
+    try:
+        yield
+    finally:
+        mj.set_mju_user_warning(before)

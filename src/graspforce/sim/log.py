@@ -152,7 +152,7 @@ class Log:
         with replacing(path) as temporary:
             if path.suffix == ".npz":
                 arrays = {name: getattr(self, name) for name in (*_PER_TICK, "tau_max")}
-                words = {"ending": self.ending.name, "message": self.message}
+                words: dict[str, Any] = {"ending": self.ending.name, "message": self.message}
                 with temporary.open("wb") as file:
                     np.savez_compressed(file, **arrays, **words)
             elif path.suffix == ".parquet":
@@ -169,7 +169,9 @@ class Log:
                     writer.writerows(rows)
 
     def __repr__(self) -> str:
-        return f"Log({len(self.t)} ticks, {self.ending.value}{self.message and f': {self.message}'})"
+        return (
+            f"Log({len(self.t)} ticks, {self.ending.value}{self.message and f': {self.message}'})"
+        )
 
 
 _PER_TICK = tuple(

@@ -9,7 +9,7 @@ import numpy as np
 
 from graspforce._arrays import Array
 from graspforce.sim.controller import Command, Controller, rotation_vector
-from graspforce.sim.engine import mj
+from graspforce.sim.engine import mj, quiet
 from graspforce.sim.log import Ending, Log
 from graspforce.sim.scene import Pose, Scene, Touch
 from graspforce.sim.trial import Trial
@@ -29,6 +29,11 @@ def run(trial: Trial, progress: Callable[[int], None] | None = None) -> Log:
     Returns:
         The log up to the end; ``ending`` and ``message`` say how it came.
     """
+    with quiet():
+        return _run(trial, progress)
+
+
+def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
     scene = Scene(trial)
     controller = Controller(trial, scene)
     world = _World(trial, scene)
@@ -43,6 +48,8 @@ def run(trial: Trial, progress: Callable[[int], None] | None = None) -> Log:
         for _ in range(trial.substeps):
             world.disturb(scene.data.time)
             scene.step(tau)
+            if scene.trouble():
+                break
             pose, touches = scene.pose(), scene.touches()
             slip = (slip + _slid(scene, pose, touches)) * (command.engagement > 0)
         log.force[tick] = scene.forces
@@ -84,12 +91,10 @@ class _World:
             for push in disturbance.pushes:
                 s = (t - push.start) / push.duration
                 if 0 <= s <= 1:
-                    force += np.sin(np.pi * s) * push.force
+                    force += np.sin(np.pi * s) * np.array(push.force)
             self._scene.push(force)
 
-    def measured(
-        self, pose: Pose, touches: list[Touch | None]
-    ) -> tuple[Pose, list[Touch | None]]:
+    def measured(self, pose: Pose, touches: list[Touch | None]) -> tuple[Pose, list[Touch | None]]:
         """Return pose and contacts with the sensors' noise."""
         given = self._disturbance
 
@@ -158,9 +163,7 @@ def _write(
     mj.mju_mat2Quat(log.quaternion[tick], pose.rotation.ravel())
     log.target_position[tick] = target.position
     log.position_error[tick] = np.linalg.norm(pose.position - target.position)
-    log.rotation_error[tick] = np.linalg.norm(
-        rotation_vector(target.rotation @ pose.rotation.T)
-    )
+    log.rotation_error[tick] = np.linalg.norm(rotation_vector(target.rotation @ pose.rotation.T))
     yaw = np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])
     log.yaw[tick] = np.unwrap([log.yaw[tick - 1], yaw])[1] if tick else yaw
     log.engagement[tick] = command.engagement

@@ -25,9 +25,8 @@ _LINK_RADIUS = 0.0035  # [m]
 _LINK_MASS = 0.02  # [kg]
 _TIP_MASS = 0.002  # [kg]
 
-GREY, DARK, TIP, WOOD = (
-    (0.62, 0.66, 0.70, 1.0), (0.27, 0.31, 0.36, 1.0), (0.13, 0.15, 0.18, 1.0), (0.87, 0.68, 0.42, 0.45),
-)  # fmt: skip
+GREY, DARK, TIP = (0.62, 0.66, 0.70, 1.0), (0.27, 0.31, 0.36, 1.0), (0.13, 0.15, 0.18, 1.0)
+WOOD = (0.87, 0.68, 0.42, 0.45)  # translucent, so that the forces on it are seen
 
 
 def stage(name: str, gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Any:
@@ -117,7 +116,8 @@ def paper_hand(spec: Any, hand: PaperHand, mu: float) -> tuple[Finger, ...]:
         _link(distal, hand.link)
         distal.add_geom(
             name=f"tip{i + 1}", type=mj.mjtGeom.mjGEOM_SPHERE, size=(TIP_RADIUS, 0, 0),
-            pos=(0, 0, hand.link), mass=_TIP_MASS, rgba=TIP, **grip_surface(mu), **touching("robot"),
+            pos=(0, 0, hand.link), mass=_TIP_MASS, rgba=TIP, **grip_surface(mu),
+            **touching("robot"),
         )  # fmt: skip
         for name in names:
             motor(spec, name, hand.tau_max)

@@ -10,6 +10,7 @@ import numpy as np
 from graspforce._arrays import Array
 from graspforce.errors import InvalidInputError
 from graspforce.sim.engine import mj
+from graspforce.sim.scene import Indices
 from graspforce.sim.trial import Finger
 
 _CLOSE = 1e-9  # [m]
@@ -18,9 +19,7 @@ _DAMPING = 1e-6  # [m²]
 _LARGEST = 0.2  # step of a joint [rad]
 
 
-def reach(
-    model: Any, start: Array, fingers: Sequence[Finger], targets: Sequence[Array]
-) -> Array:
+def reach(model: Any, start: Array, fingers: Sequence[Finger], targets: Sequence[Array]) -> Array:
     """Return joint positions with the centres of the fingertips at ``targets``.
 
     Args:
@@ -37,26 +36,24 @@ def reach(
     jacobian = np.zeros((3, model.nv))
     for finger, target in zip(fingers, targets, strict=True):
         joints = [model.joint(name).id for name in finger.joints]
-        dofs, places = model.jnt_dofadr[joints], model.jnt_qposadr[joints]
+        dofs: Indices = model.jnt_dofadr[joints]
+        places: Indices = model.jnt_qposadr[joints]
         limited = model.jnt_limited[joints].astype(bool)
         lo = np.where(limited, model.jnt_range[joints, 0], -np.inf)
         hi = np.where(limited, model.jnt_range[joints, 1], np.inf)
         tip = model.geom(finger.tip).id
-        gap = np.full(3, np.inf)
+        gap: Array = np.full(3, np.inf)
         for _ in range(_ROUNDS):
             mj.mj_kinematics(model, data)
             mj.mj_comPos(model, data)
             gap = target - data.geom_xpos[tip]
             if np.abs(gap).max() < _CLOSE:
                 break
-            mj.mj_jac(
-                model, data, jacobian, None, data.geom_xpos[tip], model.geom_bodyid[tip]
-            )
-            J = jacobian[:, dofs]
+            mj.mj_jac(model, data, jacobian, None, data.geom_xpos[tip], model.geom_bodyid[tip])
+            J: Array = jacobian[:, dofs]
             step = J.T @ np.linalg.solve(J @ J.T + _DAMPING * np.eye(3), gap)
-            data.qpos[places] = np.clip(
-                data.qpos[places] + np.clip(step, -_LARGEST, _LARGEST), lo, hi
-            )
+            data.qpos[places] += np.clip(step, -_LARGEST, _LARGEST)
+            data.qpos[places] = np.clip(data.qpos[places], lo, hi)
         else:
             raise InvalidInputError(
                 f"targets: {finger.tip} stays {np.linalg.norm(gap):.4g} m off "

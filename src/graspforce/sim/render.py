@@ -13,6 +13,7 @@ import math
 import os
 import platform
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ from graspforce.sim.trial import Trial
 
 STILLS = (".png",)
 VIDEOS = (".mp4", ".gif")
+
+FRAME_RATE = 25.0  # of a film, which runs at the speed of the world [1/s]
 
 Image = NDArray[np.uint8]
 
@@ -104,7 +107,7 @@ class Camera:
         angles = np.linspace(0, 2 * math.pi, _FACETS + 1)
         rim = length * self._trial.mu * (np.outer(np.cos(angles), x) + np.outer(np.sin(angles), y))
         rim = rim + length * normal
-        for one, other in zip(rim[:-1], rim[1:], strict=True):
+        for one, other in pairwise(rim):
             self._triangle(point, one, other)
         if np.linalg.norm(force) * self._length > 1e-3 * length:
             arrow = self._new_geom(mj.mjtGeom.mjGEOM_ARROW, _FORCE)
@@ -147,10 +150,7 @@ def save_video(
     trial: Trial,
     log: Log,
     path: str | Path,
-    *,
-    frame_rate: float = 25.0,
-    speed: float = 1.0,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Write a video to a .mp4 or an animated .gif.
 
@@ -158,35 +158,42 @@ def save_video(
         trial: what was simulated.
         log: what it gave.
         path: the file to write.
-        frame_rate: [1/s].
-        speed: of the film, 0.5 for slow motion at half the speed.
-        progress: called with the index of every frame when it is drawn.
+        progress: called after every frame with how many are done and how many there are.
 
     Raises:
         InvalidInputError: another ending.
         RenderError: there is no OpenGL to draw with.
         MissingExtraError: imageio is not installed.
     """
-    check_output(path, VIDEOS)
+    check_video_file(path)
     writer = _imageio()
-    ticks = frames(trial, log, frame_rate, speed)
+    step = trial.rate / FRAME_RATE
+    ticks = [round(k * step) for k in range(int((len(log.t) - 1) / step) + 1)]
     kind: dict[str, Any] = (
-        {"duration": 1000 / frame_rate, "loop": 0}
+        {"duration": 1000 / FRAME_RATE, "loop": 0}
         if Path(path).suffix == ".gif"
-        else {"fps": frame_rate, "macro_block_size": 16, "quality": 8}
+        else {"fps": FRAME_RATE, "macro_block_size": 16, "quality": 8}
     )
-    with Camera(trial, log) as camera, replacing(path) as temporary:
-        with writer.get_writer(temporary, **kind) as film:
-            for index, tick in enumerate(ticks):
-                film.append_data(camera.image(tick))
-                if progress is not None:
-                    progress(index)
+    with (
+        Camera(trial, log) as camera,
+        replacing(path) as temporary,
+        writer.get_writer(temporary, **kind) as film,
+    ):
+        for index, tick in enumerate(ticks):
+            film.append_data(camera.image(tick))
+            if progress is not None:
+                progress(index + 1, len(ticks))
 
 
-def frames(trial: Trial, log: Log, frame_rate: float = 25.0, speed: float = 1.0) -> list[int]:
-    """Return the ticks that a video shows."""
-    step = trial.rate * speed / frame_rate
-    return [round(k * step) for k in range(int((len(log.t) - 1) / step) + 1)]
+def check_video_file(path: str | Path) -> None:
+    """Make sure, before any long work, that a film can be written to ``path``.
+
+    Raises:
+        InvalidInputError: another ending than .mp4 or .gif, or a directory that is not there.
+        MissingExtraError: imageio is not installed.
+    """
+    check_output(path, VIDEOS)
+    _imageio()
 
 
 def _size(trial: Trial) -> float:

@@ -9,15 +9,18 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspforce._arrays import Array
 from graspforce.contact import cross
 from graspforce.errors import ModelImportError
 from graspforce.sim.engine import mj
 from graspforce.sim.trial import Finger, Trial
+
+Indices: TypeAlias = NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,10 +80,10 @@ class Scene:
         self._body = self._id("body", trial.body)
         joints = [self._id("joint", name) for finger in trial.fingers for name in finger.joints]
         self._motors = [self._id("actuator", name) for f in trial.fingers for name in f.joints]
-        self._dof = np.array([self.model.jnt_dofadr[joint] for joint in joints])
-        self._qpos = np.array([self.model.jnt_qposadr[joint] for joint in joints])
+        self._dof: Indices = self.model.jnt_dofadr[joints].copy()
+        self._qpos: Indices = self.model.jnt_qposadr[joints].copy()
         self.tau_max: Array = self.model.actuator_ctrlrange[self._motors, 1].copy()
-        self.dofs: list[Array] = []
+        self.dofs: list[Indices] = []
         self.columns: list[slice] = []
         for finger in trial.fingers:
             start = self.columns[-1].stop if self.columns else 0
@@ -192,7 +195,7 @@ class Scene:
         return self.data.geom_xpos[geom].copy(), float(self.model.geom_size[geom, 0])
 
     def clearance(self, finger: int) -> float:
-        """Return a tip's distance to the object [m], 0 when touching; more than 0.1 counts as it."""
+        """Return a tip's distance to the object [m], 0 when touching, 0.1 from there on."""
         tip, near = self.tips[finger], 0.1
         for partner in self._partners:
             near = min(near, mj.mj_geomDistance(self.model, self.data, tip, partner, near, None))
@@ -243,6 +246,8 @@ class Scene:
         """Advance the physics by one step under joint torques, shape (n_joints,) [N·m]."""
         self.data.ctrl[self._motors] = tau
         mj.mj_step2(self.model, self.data)
+        if self.trouble():
+            return
         # Only between these two are the forces those of the contacts that the data list.
         self.forces[:] = 0.0
         for k, finger, inward in self._contacts():

@@ -8,7 +8,7 @@ the "object" that the contact forces carry.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from graspforce._arrays import Array, as_positive
@@ -131,8 +131,8 @@ class Trial:
     c_max: float | None = None
     turning_friction: float = 0.0
     method: Method = "wbf"
-    gains: Gains = Gains()
-    disturbance: Disturbance = Disturbance()
+    gains: Gains = field(default_factory=Gains)
+    disturbance: Disturbance = field(default_factory=Disturbance)
     rate: float = 500.0
     duration: float = 2.0
 

@@ -98,7 +98,8 @@ def _geometry(shape: str) -> dict[str, Any]:
         "sphere": {"type": types.mjGEOM_SPHERE, "size": (0.034, 0, 0)},
         "box": {"type": types.mjGEOM_BOX, "size": (0.03, 0.05, 0.03)},
         "cylinder": {
-            "type": types.mjGEOM_CYLINDER, "size": (0.03, 0, 0), "fromto": (0, -0.05, 0, 0, 0.05, 0),
+            "type": types.mjGEOM_CYLINDER, "size": (0.03, 0, 0),
+            "fromto": (0, -0.05, 0, 0, 0.05, 0),
         },
     }[shape]  # fmt: skip
 

@@ -126,7 +126,8 @@ def trial(name: str, summary: str, motion: Motion, true_mu: float, **options: An
     ]
     start: Array = model.qpos0.copy()
     start[:12] = HAND.inverse_kinematics(tips)
+    options.setdefault("mu", true_mu)
     return Trial(
         name=name, summary=summary, model=model, start=start, fingers=fingers, grips=grips(),
-        motion=motion, **({"mu": true_mu} | options),
+        motion=motion, **options,
     )  # fmt: skip

@@ -31,7 +31,10 @@ _PUSHES = (
 
 KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "none": ("nothing wrong", {}),
-    "push": ("pushed by the cube's weight, 0.1 s long, thrice", {"disturbance": Disturbance(_PUSHES)}),
+    "push": (
+        "pushed with the cube's weight, for 0.1 s, thrice",
+        {"disturbance": Disturbance(_PUSHES)},
+    ),
     "payload": (
         "the payload doubles after 0.5 s",
         {"disturbance": Disturbance(payload=2.0, payload_time=0.5)},

@@ -52,9 +52,7 @@ def quadruped(
     start: Array = model.qpos0.copy()
     start[7:] = np.tile((0.0, 0.7, -1.4), 4)
     side = [np.sign(y) for _, y in _HIPS]
-    feet = [
-        np.array([x, y + s * _OUT, _FOOT]) for (x, y), s in zip(_HIPS, side, strict=True)
-    ]
+    feet = [np.array([x, y + s * _OUT, _FOOT]) for (x, y), s in zip(_HIPS, side, strict=True)]
     start = reach(model, start, legs, feet)
     data = mj.MjData(model)
     data.qpos[:] = start
