@@ -41,6 +41,9 @@ PRESS = 5e-4
 # A motion that turns faster than this has all of the friction against it [rad/s].
 TURNING = 0.05
 
+# The inertia felt at a fingertip is counted no higher than this [kg].
+HEAVIEST = 1e3
+
 # Half the interval over which a swing path is differentiated [s].
 _H = 1e-4
 
@@ -93,7 +96,7 @@ class Controller:
         contacts = self._contacts(pose, touches, engagement)
         W = grasp_map(contacts, pose.position)
         J = self._jacobian(contacts)
-        own = self._own_torques(t, pose, acceleration, contacts, engagement)
+        own = self._own_torques(t, pose, touches, acceleration, contacts, engagement)
         solution = self._distribute(f, W, J, own, engagement)
         if solution.status is Status.SOLVED:
             self._c = solution.c
@@ -177,6 +180,7 @@ class Controller:
         self,
         t: float,
         pose: Pose,
+        touches: list[Touch | None],
         acceleration: Array,
         contacts: tuple[Contact, ...],
         engagement: Array,
@@ -190,12 +194,15 @@ class Controller:
             point, wanted = contact.point, np.zeros(3)
             if self._gains.feed_forward:
                 wanted = share * _point_acceleration(acceleration, pose, point)
+            if share > 0 and touches[i] is None:  # it has lost hold, and shall not rush back
+                rush = scene.tip_velocity(i, point) - pose.point_velocity(point)
+                wanted = wanted - share * self._gains.swing_damping * rush
             if share < 1:
                 point, swing = self._swing(t, i)
                 wanted = wanted + (1 - share) * swing
             M = mass_matrix[np.ix_(scene.dofs[i], scene.dofs[i])]
             own[scene.columns[i]] += self._finger_torques(
-                i, M, point, wanted if share < 1 or self._gains.feed_forward else None
+                i, M, point, wanted if wanted.any() else None
             )
         return own
 
@@ -212,7 +219,8 @@ class Controller:
         scene, gains = self._scene, self._gains
         J = scene.side * scene.jacobian(i, point)
         J_over_M = np.linalg.solve(M, J.T).T
-        felt = np.linalg.inv(J_over_M @ J.T)  # Λ, the inertia that is felt at the point
+        # Λ, the inertia that is felt at the point; bounded where the finger is stretched out.
+        felt = np.linalg.inv(J_over_M @ J.T + np.eye(3) / HEAVIEST)
         tau = np.zeros(len(M))
         if wanted is not None:
             tau += J.T @ (felt @ (wanted - scene.side * scene.drift(i, point)))

@@ -41,7 +41,7 @@ def bulb(
     mu: float = 0.7,
     c_max: float = 10.0,
     lift: float = 0.01,
-    rate: float = 500.0,
+    rate: float = 250.0,
 ) -> Trial:
     """Screw a bulb in by a given angle, one finger stepping at a time.
 
