@@ -51,7 +51,7 @@ def test_the_physics_gives_the_forces_that_were_asked_for(logs):
     assert np.abs(asked - log.normal_force)[settled].max() < 0.05
     # Newton's second law, from the physics' forces and the target's acceleration alone.
     acceleration = np.array([trial.motion.at(t).acceleration for t in log.t])
-    needed = 0.25 * (acceleration + [0, 0, 9.81])
+    needed = 0.25 * (acceleration + np.array([0, 0, 9.81]))
     assert np.abs(log.force.sum(axis=1) - needed)[settled].max() < 0.1
 
 

@@ -83,13 +83,22 @@ def test_the_default_grip_holds_against_every_disturbance(kind):
         ("payload", "alpha=100"),
         ("friction", "alpha=100"),
         ("friction", "minimum_norm"),
-        ("none", "minimum_norm"),
     ],
 )
 def test_a_grip_without_reserve_drops_it(kind, method):
     _, log = run("disturbance", kind=kind, method=method)
     assert log.ending is sim.Ending.DROPPED
     assert f"at tick {len(log.t) - 1} (" in log.message
+
+
+def test_a_grip_on_the_edge_of_its_cones_slips_even_undisturbed():
+    """And one that is told less friction than there is holds, until there is less than told."""
+    _, log = run("disturbance", kind="none", method="minimum_norm")
+    assert log.verdict == "held, but slipped"
+    _, log = run("disturbance", kind="none", method="minimum_norm_80", duration=1.0)
+    assert log.verdict == "held"
+    _, log = run("disturbance", kind="friction", method="minimum_norm_80")
+    assert log.verdict == "dropped"
 
 
 def test_a_firmer_grip_squeezes_more_and_works_the_joints_harder():

@@ -585,7 +585,7 @@ def _report_trials(trials: Sequence[Trial], logs: Sequence[SimLog]) -> None:
     for trial, log in zip(trials, logs, strict=True):
         table.add_row(
             trial.name,
-            Text(log.ending.value, style="green" if log.held else "red"),
+            Text(log.verdict, style="green" if log.verdict == "held" else "red"),
             f"{1e3 * log.position_error.max():.3f}",
             f"{math.degrees(log.rotation_error.max()):.2f}",
             f"{1e3 * log.slip.max():.3f}",

@@ -21,10 +21,14 @@ from graspforce.outcome import Status
 ENDINGS = (".npz", ".parquet", ".csv")
 
 
+# A tip that has gone farther than this on the object has slipped, and not only crept [m].
+SLIPPED = 1e-3
+
+
 class Ending(enum.Enum):
     """How a simulation came to its end."""
 
-    COMPLETED = "held to the end"
+    COMPLETED = "held"
     DROPPED = "dropped"
     DIVERGED = "diverged"
 
@@ -109,6 +113,12 @@ class Log:
     def held(self) -> bool:
         """Whether the object was held to the end."""
         return self.ending is Ending.COMPLETED
+
+    @property
+    def verdict(self) -> str:
+        """How it ended, in words; held with a tip that slipped by more than 1 mm is said."""
+        slipped = self.held and float(self.slip.max()) > SLIPPED
+        return "held, but slipped" if slipped else self.ending.value
 
     @property
     def torque_use(self) -> float:

@@ -2,8 +2,8 @@
 
 The firmness trade-off in physics. A firm grip (small alpha) has friction in reserve when the world
 is not as assumed, and works the joints harder. A minimum-norm SOCP puts contacts on the very edge
-of their cones, where nothing is in reserve; told less friction than there is, it has that much. 250 ticks a second, the paper's rate, so that two
-ticks of delay are 8 ms.
+of their cones, where nothing is in reserve; told of less friction than there is, it has that much.
+There are 250 ticks a second, the paper's rate, so that two ticks of delay are 8 ms.
 """
 
 from __future__ import annotations

@@ -1,0 +1,316 @@
+"""What a simulation leaves behind, and what is said when something is wrong."""
+
+import csv
+import dataclasses
+import importlib.metadata
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import graspforce as gf
+from graspforce import cli, sim
+from graspforce.sim import motions, render
+from graspforce.sim.controller import rotation_vector, swing_point
+from graspforce.sim.scenes.bulb import bulb
+
+
+@pytest.fixture(scope="module")
+def short():
+    (trial,) = sim.get("hold", duration=0.1)
+    return trial, sim.run(trial)
+
+
+@pytest.fixture(scope="module")
+def opengl(short):
+    try:
+        render.Camera(*short).close()
+    except sim.RenderError as error:
+        pytest.skip(str(error))
+
+
+# ---- logs --------------------------------------------------------------------------------------
+
+
+def test_npz_has_every_array(short, tmp_path):
+    _, log = short
+    log.save(tmp_path / "log.npz")
+    with np.load(tmp_path / "log.npz") as data:
+        assert data["ending"] == "COMPLETED"
+        for field in dataclasses.fields(log):
+            if field.name not in ("ending", "message"):
+                np.testing.assert_array_equal(data[field.name], getattr(log, field.name))
+
+
+def test_csv_and_parquet_have_the_same_columns(short, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    _, log = short
+    log.save(tmp_path / "log.csv")
+    log.save(tmp_path / "log.parquet")
+    table = parquet.read_table(tmp_path / "log.parquet")
+    assert table.schema.metadata[b"ending"] == b"COMPLETED"
+    with (tmp_path / "log.csv").open(newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == table.column_names
+    assert {"t", "tau_12", "force_4_z", "slip_1", "position_x", "newton_steps"} <= set(header)
+    values = np.array(rows, dtype=float)
+    for name, column in zip(header, values.T, strict=True):
+        np.testing.assert_array_equal(column, table[name].to_numpy())
+    np.testing.assert_array_equal(table["force_2_z"], log.force[:, 1, 2])
+
+
+def test_a_log_goes_only_where_it_can(short, tmp_path):
+    _, log = short
+    with pytest.raises(gf.InvalidInputError, match=r"\.npz or \.parquet or \.csv"):
+        log.save(tmp_path / "log.txt")
+    with pytest.raises(gf.InvalidInputError):
+        log.save(tmp_path / "not there" / "log.csv")
+
+
+# ---- endings -----------------------------------------------------------------------------------
+
+
+def pushed(newtons):
+    (trial,) = sim.get("hold", duration=0.3)
+    push = sim.Push((newtons, 0.0, 0.0), start=0.05, duration=0.1)
+    return sim.run(dataclasses.replace(trial, disturbance=sim.Disturbance(pushes=(push,))))
+
+
+def test_a_diverging_simulation_stops_with_tick_and_cause(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    log = pushed(1e13)
+    assert log.ending is sim.Ending.DIVERGED
+    assert log.message == "at tick 25 (0.050 s) an acceleration is not finite or beyond 1e10"
+    assert len(log.t) == len(log.tau) == 26
+    assert np.isfinite(log.position).all()
+    assert np.isfinite(log.tau).all()
+    assert list(tmp_path.iterdir()) == []  # MuJoCo's own log file
+
+
+def test_a_dropped_object_ends_it():
+    log = pushed(40.0)
+    assert log.ending is sim.Ending.DROPPED
+    assert not log.held
+    assert 40 < len(log.t) < 100
+    assert f"at tick {len(log.t) - 1} (" in log.message
+    assert "mm off its target" in log.message
+
+
+# ---- pictures ----------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_still_shows_cones_and_forces(short, tmp_path):
+    imageio = pytest.importorskip("imageio.v3")
+    trial, log = short
+    sim.save_still(trial, log, tmp_path / "still.png", 0.08)
+    image = imageio.imread(tmp_path / "still.png").astype(int)
+    assert image.shape == (960, 1280, 3)
+    bare = dataclasses.replace(log, engagement=np.zeros_like(log.engagement))
+    sim.save_still(trial, bare, tmp_path / "bare.png", 0.08)
+    drawn = np.abs(image - imageio.imread(tmp_path / "bare.png")).sum(axis=2) > 20
+    assert 2000 < drawn.sum() < 100_000
+    with pytest.raises(gf.InvalidInputError, match=r"t: got 2\.0 s, expected 0 to 0\.098 s"):
+        sim.save_still(trial, log, tmp_path / "late.png", 2.0)
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_film_has_a_frame_every_fortieth_of_a_second(short, tmp_path):
+    imageio = pytest.importorskip("imageio.v3")
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    told = []
+    sim.save_video(*short, tmp_path / "film.gif", lambda *done: told.append(done))
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    frames = imageio.imread(tmp_path / "film.gif", index=...)
+    assert frames.shape[-3:-1] == (480, 640)
+    assert frames.std() > 5
+    sim.save_video(*short, tmp_path / "film.mp4")
+    count, seconds = ffmpeg.count_frames_and_secs(tmp_path / "film.mp4")
+    assert (count, seconds) == (3, pytest.approx(0.12))
+
+
+def test_no_opengl_says_what_to_set_and_to_install(short, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    monkeypatch.setitem(sys.modules, "mujoco.egl", None)
+    with pytest.raises(sim.RenderError, match=r"MUJOCO_GL=egl.*libegl1.*MUJOCO_GL=osmesa"):
+        render.Camera(*short)
+
+
+# ---- missing extras ----------------------------------------------------------------------------
+
+
+def test_without_mujoco_the_pip_line_is_named():
+    code = "import sys; sys.modules['mujoco'] = None; import graspforce; graspforce.sim"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "pip install 'graspforce[sim]'" in run.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("module", "package", "act"),
+    [
+        ("pyarrow", "pyarrow", lambda trial, log, to: log.save(to / "log.parquet")),
+        ("imageio.v2", "imageio", lambda trial, log, to: sim.save_video(trial, log, to / "x.gif")),
+        (
+            "clarabel",
+            "clarabel",
+            lambda trial, log, to: sim.run(dataclasses.replace(trial, method="minimum_norm")),
+        ),
+    ],
+)
+def test_a_missing_package_is_named(short, tmp_path, monkeypatch, module, package, act):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(gf.MissingExtraError, match=rf"{package}.*graspforce\[sim\]"):
+        act(*short, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_the_allegro_package_the_pip_line_is_named(monkeypatch):
+    def missing(name):
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "files", missing)
+    with pytest.raises(gf.MissingExtraError, match=r"example-robot-data.*graspforce\[sim\]"):
+        sim.get("allegro")
+    monkeypatch.setattr(importlib.metadata, "files", lambda name: [])
+    with pytest.raises(gf.ModelImportError, match=r"allegro_right_hand\.urdf"):
+        sim.get("allegro")
+
+
+# ---- wrong input -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("nothing", {}, "name: got 'nothing', expected one of hold, circle"),
+        ("hold", {"speed": 1.0}, "speed: not an option of scene 'hold'; expected one of alpha"),
+        ("hold", {"alpha": "firm"}, "alpha: got 'firm', expected such as 5.0"),
+        ("hold", {"alpha": -1.0}, "alpha: got -1.0"),
+        ("hold", {"rate": 300.0}, "rate: got 300 Hz, expected 1000 Hz"),
+        ("hold", {"duration": 1e-4}, "at least one tick"),
+        ("allegro", {"shape": "cone"}, "shape: got 'cone', expected all, sphere, box, cylinder"),
+        ("disturbance", {"kind": "rain"}, "kind: got 'rain', expected all, none, push"),
+    ],
+)
+def test_wrong_options_are_refused(name, options, message):
+    with pytest.raises(gf.InvalidInputError, match=message):
+        sim.get(name, **options)
+
+
+def test_a_trial_that_does_not_fit_together_is_refused(short):
+    trial, _ = short
+    with pytest.raises(gf.InvalidInputError, match="grips: got 3, expected 4"):
+        dataclasses.replace(trial, grips=trial.grips[:3])
+    (regrasp,) = sim.get("regrasp")
+    with pytest.raises(gf.InvalidInputError, match="c_max: missing"):
+        dataclasses.replace(regrasp, c_max=None)
+    with pytest.raises(gf.ModelImportError, match="body 'cup': not in the model"):
+        sim.run(dataclasses.replace(trial, body="cup"))
+    with pytest.raises(gf.InvalidInputError, match="payload"):
+        sim.Disturbance(payload=0.0)
+    with pytest.raises(gf.InvalidInputError, match="delay"):
+        sim.Disturbance(delay=-1)
+
+
+# ---- the command -------------------------------------------------------------------------------
+
+
+def simulate(*arguments):
+    return CliRunner().invoke(cli.app, ["simulate", *map(str, arguments)])
+
+
+def test_simulate_prints_a_table_and_writes_the_log(tmp_path):
+    out = simulate("hold", "--set", "duration=0.1", "--set", "alpha=1", "--log", tmp_path / "l.npz")
+    assert out.exit_code == 0, out.output
+    assert "the paper's cube held at rest" in out.output
+    assert "held" in out.output
+    with np.load(tmp_path / "l.npz") as data:
+        assert len(data["t"]) == 50
+
+
+@pytest.mark.usefixtures("opengl")
+def test_simulate_makes_a_film(tmp_path):
+    out = simulate("hold", "--set", "duration=0.1", "--video", tmp_path / "film.gif")
+    assert out.exit_code == 0, out.output
+    assert (tmp_path / "film.gif").read_bytes().startswith(b"GIF8")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["tea"], "name: got 'tea'"),
+        (["hold", "--set", "alpha"], "--set: got 'alpha', expected KEY=VALUE"),
+        (["hold", "--set", "alpha=firm"], "alpha: got 'firm'"),
+        (["hold", "--video", "film.avi"], "film.avi"),
+        (["hold", "--log", "log.txt"], "log.txt"),
+        (["disturbance", "--video", "film.gif"], "36 trials, expected one; choose it with --set"),
+    ],
+)
+def test_simulate_says_in_one_line_what_is_wrong(arguments, message):
+    out = simulate(*arguments)
+    assert out.exit_code == 2
+    assert message in out.stderr
+    assert out.stderr.count("\n") == 1
+
+
+# ---- the parts ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        motions.Move(np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.03, -0.01]), 0.1, 0.7),
+        motions.Sway(np.zeros(3), np.array([0.05, 0.02, -0.04]), 0.15, 0.2, 1.5),
+        motions.Screw(np.zeros(3), 2.0, 1.5, 0.3, 0.0036),
+    ],
+    ids=lambda motion: type(motion).__name__,
+)
+def test_the_derivatives_of_motions(motion):
+    h = 1e-5
+    for t in np.linspace(0.0513, 2.0, 40):
+        before, state, after = motion.at(t - h), motion.at(t), motion.at(t + h)
+        for rate, name in (("velocity", "position"), ("acceleration", "velocity")):
+            slope = (getattr(after, name) - getattr(before, name)) / (2 * h)
+            np.testing.assert_allclose(getattr(state, rate), slope, atol=2e-4)
+        assert state.yaw_rate == pytest.approx((after.yaw - before.yaw) / (2 * h), abs=1e-6)
+        slope = (after.yaw_rate - before.yaw_rate) / (2 * h)
+        assert state.yaw_acceleration == pytest.approx(slope, abs=2e-3)
+
+
+def test_motions_arrive():
+    move = motions.Move(np.zeros(3), np.array([0.01, 0.0, 0.0]), 0.3, 0.7)
+    np.testing.assert_array_equal(move.at(0.2).position, 0)
+    np.testing.assert_allclose(move.at(1.1).position, [0.01, 0, 0])
+    screw = motions.Screw(np.zeros(3), 7.0, 0.5, 0.4, 0.0036)
+    assert screw.at(screw.duration).yaw == pytest.approx(7.0)
+    assert screw.at(screw.duration + 1).yaw_rate == 0
+    assert screw.at(99.0).position[2] == pytest.approx(0.0036 * 7.0 / (2 * np.pi))
+
+
+def test_a_step_starts_and_ends_on_the_surface_and_rises_between():
+    step = bulb().steps[5]
+    radius = 0.004
+    for t, grip in ((step.release.leave, step.start), (step.release.back, step.end)):
+        gap = grip.point - (radius - 5e-4) * grip.normal - swing_point(step, t, radius)
+        assert np.abs(gap).max() < 1e-12
+    times = np.linspace(step.release.leave, step.release.back, 101)
+    heights = [np.linalg.norm(swing_point(step, t, radius)) - 0.03 - radius for t in times]
+    assert max(heights) > 5e-3
+    assert min(heights) > -6e-4
+
+
+def test_rotation_vector_is_axis_times_angle():
+    from scipy.spatial.transform import Rotation
+
+    for vector in ([0.3, -0.2, 0.5], [0.0, 0.0, 0.0], [1e-7, 0.0, 2e-7], [0.0, 2.9, 0.0]):
+        R = Rotation.from_rotvec(vector).as_matrix()
+        np.testing.assert_allclose(rotation_vector(R), vector, atol=1e-9)
+
+
+def test_settings_of_the_command_are_numbers_where_they_can_be():
+    assert cli._setting("alpha=5") == ("alpha", 5)
+    assert cli._setting("feed_forward=false") == ("feed_forward", False)
+    assert cli._setting("shape=box") == ("shape", "box")
+    assert cli._setting("a=b=c") == ("a", "b=c")
