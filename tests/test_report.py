@@ -18,6 +18,7 @@ from graspforce.compare import methods
 from graspforce.report import page, timing
 
 COMPARED = ("dynamic",)  # the regrasp takes the slow methods too long for a test
+PHYSICS = ("hold", "circle", "regrasp")
 
 
 @pytest.fixture(scope="module")
@@ -70,12 +71,14 @@ def html_page(made):
     return Page(made[0].read_text(encoding="utf-8"))
 
 
-def test_every_file_is_there_and_nothing_else(made):
+def test_every_file_is_there_and_nothing_else(made, results):
     stems = [module.__name__.rpartition(".")[2] for module in figures.FIGURES]
     expected = {f"{stem}.{kind}" for stem in stems for kind in ("png", "svg")}
     expected |= {"grasp.png", "results.json", "report.html"}
     for task in COMPARED:
         expected |= {f"methods_forces_{task}.svg", f"methods_times_{task}.svg"}
+    if not results["physics"]["no pictures"]:
+        expected |= {f"physics_{name}.png" for name in PHYSICS}
     assert {path.name for path in made[0].parent.iterdir()} == expected
     for path in made[0].parent.glob("*.png"):
         assert path.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
@@ -117,6 +120,35 @@ def test_the_numbers_are_the_scenarios(results):
     assert results["scenarios"]["regrasp"]["ticks_by_newton_steps"]["1"] == (steps == 1).sum()
 
 
+def test_the_scenes_hold_in_physics(results, html_page):
+    scenes = results["physics"]["scenes"]
+    assert tuple(scenes) == PHYSICS
+    for scene, millimetres in zip(scenes.values(), (0.1, 0.1, 0.3), strict=True):
+        assert scene["verdict"] == "held"
+        assert scene["ticks"] == scene["ticks_solved"] == 1000
+        assert scene["largest position error [mm]"] <= millimetres
+        assert scene["largest share of a torque limit"] < 1
+    text = "".join(html_page.text)
+    assert f"{scenes['circle']['largest position error [mm]']:.3f} mm" in text
+    assert results["physics"]["no pictures"] in text
+
+
+def test_without_opengl_the_page_says_why_it_has_no_pictures(monkeypatch):
+    from graspforce import sim
+    from graspforce.report import physics
+
+    def refuse(*_):
+        raise sim.RenderError("no OpenGL here")
+
+    monkeypatch.setattr(sim, "save_still", refuse)
+    monkeypatch.setattr(physics, "_SCENES", (("hold", 0.0),))
+    monkeypatch.setattr(sim, "get", lambda name, get=sim.get: get(name, duration=0.01))
+    results, pictures = physics.simulate(lambda *_: None)
+    assert results["no pictures"] == "no OpenGL here"
+    assert pictures == {}
+    assert results["scenes"]["hold"]["ticks"] == 5
+
+
 def test_the_page_loads_nothing(html_page):
     assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in html_page.tags}
     for _, attributes in html_page.tags:
@@ -139,8 +171,9 @@ def test_the_page_shows_every_figure_as_it_was_written(made, html_page):
     images = [attributes for tag, attributes in html_page.tags if tag == "img"]
     assert all(image["alt"] for image in images)
     inlined = {base64.b64decode(image["src"].partition(",")[2]) for image in images}
-    files = [*made[0].parent.glob("*.svg"), made[0].parent / "grasp.png"]
-    assert len(files) == 10 + 2 * len(COMPARED)
+    files = [*made[0].parent.glob("*.svg"), *made[0].parent.glob("*.png")]
+    files = [file for file in files if not re.match(r"fig\d+.*\.png", file.name)]
+    assert len(files) >= 10 + 2 * len(COMPARED)
     assert inlined == {file.read_bytes() for file in files}
 
 

@@ -263,9 +263,9 @@ def reproduce(
         Path, typer.Option(metavar="FOLDER", help="Where the figures, numbers and report go.")
     ] = Path("results"),
 ) -> None:
-    """Run Section IV of the paper: figures 4 to 12, results.json and report.html.
+    """Run Section IV of the paper, also in physics: figures 4 to 12, results.json, report.html.
 
-    Needs the extra: pip install 'graspforce[figures]'.
+    Needs the extras: pip install 'graspforce[figures,sim]'.
     """
     with _one_line_errors():
         from graspforce import report

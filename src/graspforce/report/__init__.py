@@ -1,10 +1,11 @@
 """Section IV of the paper, end to end: ``graspforce reproduce``.
 
 :func:`reproduce` runs the paper's three scenarios and its sweep of alpha, times the servo on this
-machine, draws figures 4 to 12, and writes them with ``results.json`` (every number) and
+machine, repeats the scenes in closed loop in a physics simulator, runs the paper's other methods
+beside its own, draws figures 4 to 12, and writes them with ``results.json`` (every number) and
 ``report.html``: one page, without anything from a network, that sets each figure beside a table
-"the paper says | measured here". The paper's other methods run beside its own. Apart from the
-date, the machine and the times, two runs write the same bytes.
+"the paper says | measured here". Apart from the date, the machine and the times, two runs write
+the same bytes.
 """
 
 from __future__ import annotations
@@ -55,32 +56,34 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
 
     Raises:
         InvalidInputError: ``out`` is no folder to write into.
-        MissingExtraError: matplotlib or jinja2 is not installed.
+        MissingExtraError: matplotlib, jinja2, mujoco or imageio is not installed.
     """
     folder = _writable_folder(Path(out))
     tell = progress or _say_nothing
     style.new_figure()  # a missing extra is found before the work, not after it
     page = template()
+    from graspforce.report import physics  # needs MuJoCo, which may be the next to be missing
 
     logs = {name: _run(name, tell) for name in scenarios.NAMES}
     sweep = scenarios.sweep_alpha()
     times = measure_times(logs["dynamic"], logs["regrasp"], tell)
+    simulated, images = physics.simulate(tell)
     sources: dict[str, Any] = {**logs, "sweep": sweep}
-
     compared = compare.compare(
         COMPARED, progress=lambda task, done, total: tell(f"methods: {task}", done, total)
     )
-
     results: dict[str, Any] = {
         "graspforce": _version(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": describe_machine(),
         "timing": times,
         "scenarios": {name: _summary(log) for name, log in logs.items()},
+        "physics": simulated,
         "comparison": compared.as_dict(),
         "figures": {},
     }
-    images: dict[str, bytes] = {}
+    for name, image in images.items():
+        _write(folder / name, image)
     total = len(FIGURES) + 1
     for done, figure in enumerate(FIGURES):
         tell("figures", done, total)
