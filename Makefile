@@ -6,7 +6,7 @@ NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name
 
 .PHONY: reproduce test lint bench campaign clean
 
-reproduce: $(VENV)/baselines.installed  ## Section IV of the paper into results/
+reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
 	$(VENV)/bin/graspforce reproduce --out results
 
 test: $(VENV)/test.installed  ## all tests
@@ -22,7 +22,7 @@ lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order,
 	diff src/graspforce/_core.pyi build/_core.pyi
 
 bench: $(VENV)/test.installed  ## time this machine
-	$(VENV)/bin/python benchmarks/tick.py
+	$(VENV)/bin/graspforce bench
 
 campaign: $(VENV)/test.installed  ## a million random grasps against another solver, some 30 minutes
 	$(VENV)/bin/python benchmarks/campaign.py --grasps 1000000
@@ -31,9 +31,9 @@ campaign: $(VENV)/test.installed  ## a million random grasps against another sol
 
 # An editable install: Python changes need nothing, a change of the core builds it again. Each set
 # of extras contains those before it.
-$(VENV)/baselines.installed: INSTALLED = baselines
-$(VENV)/test.installed: INSTALLED = baselines test
-$(VENV)/dev.installed: INSTALLED = baselines test dev
+$(VENV)/sim.installed: INSTALLED = sim
+$(VENV)/test.installed: INSTALLED = sim test
+$(VENV)/dev.installed: INSTALLED = sim test dev
 $(VENV)/%.installed: $(NATIVE)
 	test -x $(VENV)/bin/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) -e '.[$*]'

@@ -7,25 +7,19 @@ from collections.abc import Callable
 from typing import Any
 
 from graspforce.errors import InvalidInputError
-from graspforce.sim.scenes.allegro import allegro
-from graspforce.sim.scenes.bulb import bulb
-from graspforce.sim.scenes.cube import circle, hold, regrasp
-from graspforce.sim.scenes.disturbance import disturbance
-from graspforce.sim.scenes.quadruped import quadruped
+from graspforce.sim.scenes import allegro, bulb, cube, disturbance, quadruped
 from graspforce.sim.trial import Trial
 
-__all__ = [
-    "NAMES", "allegro", "bulb", "circle", "disturbance", "get", "hold", "quadruped", "regrasp",
-]  # fmt: skip
+__all__ = ["NAMES", "get"]
 
 _FACTORIES: dict[str, Callable[..., Trial | tuple[Trial, ...]]] = {
-    "hold": hold,
-    "circle": circle,
-    "regrasp": regrasp,
-    "allegro": allegro,
-    "bulb": bulb,
-    "disturbance": disturbance,
-    "quadruped": quadruped,
+    "hold": cube.hold,
+    "circle": cube.circle,
+    "regrasp": cube.regrasp,
+    "allegro": allegro.allegro,
+    "bulb": bulb.bulb,
+    "disturbance": disturbance.disturbance,
+    "quadruped": quadruped.quadruped,
 }
 
 NAMES: tuple[str, ...] = tuple(_FACTORIES)
