@@ -3,8 +3,10 @@
 import csv
 import dataclasses
 import importlib.metadata
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -314,3 +316,12 @@ def test_settings_of_the_command_are_numbers_where_they_can_be():
     assert cli._setting("feed_forward=false") == ("feed_forward", False)
     assert cli._setting("shape=box") == ("shape", "box")
     assert cli._setting("a=b=c") == ("a", "b=c")
+
+
+def test_the_snippet_of_the_docs_runs(tmp_path, monkeypatch, capsys, opengl):
+    text = (Path(__file__).parents[1] / "docs" / "simulation.md").read_text(encoding="utf-8")
+    (snippet,) = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
+    monkeypatch.chdir(tmp_path)
+    exec(compile(snippet, "simulation.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("held ")
+    assert {path.name for path in tmp_path.iterdir()} == {"regrasp.npz", "regrasp.png"}
