@@ -1,4 +1,4 @@
-"""graspforce bench: what is timed, kept and compared. No test depends on how long anything takes."""
+"""graspforce bench: what is timed, kept and compared. No test depends on the time a call takes."""
 
 import json
 import subprocess

@@ -23,7 +23,10 @@ namespace graspforce {
 class Barrier {
  public:
   explicit Barrier(const Blocks& blocks)
-      : blocks_(blocks), schur_(blocks.layout().wrench_rows), nu_(blocks.layout().wrench_rows) {}
+      : blocks_(blocks),
+        schur_(blocks.layout().wrench_rows),
+        nu_(blocks.layout().wrench_rows),
+        last_nu_(nu_) {}
 
   // Makes the vectors that are kept by block; needed after Blocks::allot.
   void allot() {
@@ -149,6 +152,19 @@ class Barrier {
     return std::sqrt(squared);
   }
 
+  // The same, solved for the change of ν alone: near the minimum ∇Phi − Wᵀν is small, and with it
+  // the rounding that would leave W c = f unbalanced where contacts are close to the boundary.
+  double newton_from_multipliers() {
+    const int k = blocks_.k();
+    std::copy_n(nu_.begin(), k, last_nu_.begin());
+    for (std::size_t b = 0; b < work_.size(); ++b)
+      for (int i = 0; i < part(b).q; ++i)
+        work_[b].g[i] -= dot(part(b).Wt + i * k, last_nu_.data(), k);
+    const double lambda = newton();
+    add_scaled(1, last_nu_.data(), k, nu_.data());
+    return lambda;
+  }
+
   // False when the last step's system was nearly singular.
   bool sound() const { return sound_; }
 
@@ -246,7 +262,7 @@ class Barrier {
   std::vector<Work> work_;
   Arena arena_;
   Schur schur_;
-  std::vector<double> nu_;
+  std::vector<double> nu_, last_nu_;
   double cone_weight_ = 1, limit_weight_ = 1;
   bool sound_ = true;
 };

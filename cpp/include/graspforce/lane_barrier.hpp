@@ -173,6 +173,15 @@ class LaneBarrier {
     return std::sqrt(sum(squared));
   }
 
+  double newton_from_multipliers() {
+    double last_nu[kWrench];
+    std::copy_n(nu_, kWrench, last_nu);
+    for (Group& group : *this) group.subtract_wrench(last_nu);
+    const double lambda = newton();
+    for (int r = 0; r < kWrench; ++r) nu_[r] += last_nu[r];
+    return lambda;
+  }
+
   // False when the last step's system was nearly singular.
   bool sound() const { return sound_; }
 

@@ -249,6 +249,12 @@ struct LaneGroup {
     return sum;
   }
 
+  // g ← g − Wᵀ ν.
+  void subtract_wrench(const double* nu) {
+    for (int i = 0; i < Q; ++i)
+      for (int r = 0; r < kWrench; ++r) g[i] -= W[r][i] * nu[r];
+  }
+
   // Adds W (H⁻¹ g − c), or W H⁻¹ g alone, to a right-hand side; the first group sets it instead
   // (clearing it beforehand would cost more than the sum).
   template <bool first, bool less_forces>

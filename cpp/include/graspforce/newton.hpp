@@ -69,7 +69,8 @@ Newton minimise(Barrier& barrier, double lambda, double tol, Budget& budget, boo
     if (budget.spent()) return {Newton::End::Spent, bound};
     if (!balanced && steps >= kPatience) return {Newton::End::Astray, bound};
     if (steps >= kTerm && bound >= 1) return {Newton::End::Slow, bound};
-    lambda = barrier.newton();
+    // Close to the minimum the last multipliers are a better origin than zero.
+    lambda = bound < 1 ? barrier.newton_from_multipliers() : barrier.newton();
   }
 }
 
