@@ -259,7 +259,8 @@ def cases(seed: int, index: int, margin: float | None, hard: bool) -> Iterator[C
     """The cases of one geometry; None for each whose truth is not known well enough."""
     rng = np.random.default_rng([seed, index])
     geometry, f1 = random_geometry(rng, hard)
-    _, sizes, right = np.linalg.svd(geometry.W.T)
+    held = geometry.W * np.repeat(geometry.active, geometry.layout.dims)
+    _, sizes, right = np.linalg.svd(held.T)
     beyond = right[(sizes > 1e-9 * sizes[0]).sum() :]  # directions of f that no force makes
     # Whether a direction this faint counts among those that W reaches is a matter of opinion.
     clear = not ((sizes > 1e-13 * sizes[0]) & (sizes < 1e-6 * sizes[0])).any()
