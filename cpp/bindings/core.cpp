@@ -15,16 +15,8 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
   using graspforce::Servo;
   module.doc() = "The compiled core of graspforce; see graspforce._engine.";
 
-  module.def(
-      "has_avx2",
-      [] {
-#if defined(__x86_64__)
-        return bool(__builtin_cpu_supports("avx2")) && bool(__builtin_cpu_supports("fma"));
-#else
-        return false;
-#endif
-      },
-      "Whether this processor runs the module built for AVX2 and FMA.");
+  module.def("instruction_sets", &graspforce::instruction_sets,
+             "Which of the modules besides _core this processor runs, the best last.");
 
   module.def("solve", &graspforce::solve, "solution"_a, "problem"_a, "layout"_a, "packed"_a,
              "start"_a.none(), "tol"_a, "max_steps"_a, "budget_us"_a,

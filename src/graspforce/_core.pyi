@@ -8,8 +8,8 @@ import numpy
 from numpy.typing import NDArray
 
 
-def has_avx2() -> bool:
-    """Whether this processor runs the module built for AVX2 and FMA."""
+def instruction_sets() -> list[str]:
+    """Which of the modules besides _core this processor runs, the best last."""
 
 def solve(solution: object, problem: object, layout: object, packed: object, start: object | None, tol: float, max_steps: int, budget_us: float) -> object:
     """Solves a ForceProblem; what comes back is a `solution`."""

@@ -17,11 +17,11 @@ from graspforce.outcome import Outcome, Start, Status
 from graspforce.problem import ForceProblem, Layout
 from graspforce.settings import Settings
 
-# The same core stands in a second module, built for wider registers, where there are such.
-modules: dict[str, Any] = {"baseline instructions": _core}
-if _core.has_avx2():
-    modules["AVX2 and FMA"] = importlib.import_module("graspforce._core_avx2")
-module: Any = next(reversed(modules.values()))
+# The same core stands in further modules, built for wider and for more registers.
+_sets = ["", *(f"_{name}" for name in _core.instruction_sets())]
+modules: tuple[str, ...] = tuple(f"graspforce._core{name}" for name in _sets)
+"""Every compiled core that this processor runs, the best last."""
+module: Any = importlib.import_module(modules[-1])
 NativeServo: type[_core.Servo] = module.Servo
 _native_solve: Callable[..., Any] = module.solve
 

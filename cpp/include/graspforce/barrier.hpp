@@ -103,6 +103,7 @@ class Barrier {
     return true;
   }
 
+  bool balanced() const { return wrench_error() < kBalanced; }
   double wrench_error() const {
     return relative_wrench_error(blocks_, [this](std::size_t b) { return work_[b].c; });
   }

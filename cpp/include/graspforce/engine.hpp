@@ -51,6 +51,8 @@ class Engine {
       : layout_(layout),
         offsets_(layout),
         structure_(layout_),
+        one_of_three_(layout_),
+        one_of_four_(layout_),
         three_(layout_),
         four_(layout_),
         blocks_(layout_),
@@ -131,7 +133,7 @@ class Engine {
     std::vector<double> c, ceiling;
   };
 
-  enum class Kernels { General, Three, Four };
+  enum class Kernels { General, OneOfThree, OneOfFour, Three, Four };
 
   // Loads the problem and hands it to the kernels that fit it, with what is new to them.
   template <class Work>
@@ -140,7 +142,7 @@ class Engine {
     if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0)
       return answer_nothing(Status::Unbounded);
     Budget budget(settings);
-    if (!structure_.holds(problem, changed)) {
+    if (!structure_.same_contacts(problem, changed)) {
       rearrange(problem);
       changed = kChangedAll;
     }
@@ -158,6 +160,12 @@ class Engine {
       work(barrier, budget, changed);
     };
     switch (kernels_) {
+      case Kernels::OneOfThree:
+        work_on(one_of_three_, one_of_three_);
+        break;
+      case Kernels::OneOfFour:
+        work_on(one_of_four_, one_of_four_);
+        break;
       case Kernels::Three:
         work_on(three_, three_);
         break;
@@ -167,6 +175,12 @@ class Engine {
       case Kernels::General:
         barrier_.set_weights(*problem.alpha);
         work_on(blocks_, barrier_);
+    }
+    // The pattern hardly ever changes. It is looked at last, while the processor waits for the
+    // step.
+    if (!structure_.same_pattern(problem, changed)) {
+      rearrange(problem);
+      return in_core(problem, settings, kChangedAll, work);
     }
     if (result_.status != Status::Solved && !finite()) answer_nothing(Status::InvalidNumbers);
     result_.newton_steps = budget.steps();
@@ -185,11 +199,16 @@ class Engine {
     blocks_.allot(structure_);
     barrier_.allot();
     primal_dual_.allot();
-    kernels_ = three_.fits(layout_, structure_)  ? Kernels::Three
-               : four_.fits(layout_, structure_) ? Kernels::Four
-                                                 : Kernels::General;
-    if (kernels_ == Kernels::Three) three_.allot(structure_);
-    if (kernels_ == Kernels::Four) four_.allot(structure_);
+    kernels_ = Kernels::General;
+    auto prefer = [&](auto& barrier, Kernels kernels) {
+      if (kernels_ != Kernels::General || !barrier.fits(layout_, structure_)) return;
+      kernels_ = kernels;
+      barrier.allot(structure_);
+    };
+    prefer(one_of_three_, Kernels::OneOfThree);
+    prefer(one_of_four_, Kernels::OneOfFour);
+    prefer(three_, Kernels::Three);
+    prefer(four_, Kernels::Four);
   }
 
   bool finite() const {
@@ -352,7 +371,7 @@ class Engine {
   void remember(const Problem& problem) {
     newest_ = 1 - newest_;
     std::copy(c_.begin(), c_.end(), past_[newest_].c.begin());
-    for (int i = 0; i < layout_.contacts(); ++i)
+    for (int i = 0; (known_ < 2 || steady_ < 2) && i < layout_.contacts(); ++i)
       past_[newest_].ceiling[i] = problem.in_grasp(i) ? ceiling_[i] : 0;
     known_ = std::min(known_ + 1, 2);
   }
@@ -360,9 +379,13 @@ class Engine {
   Layout layout_;
   Offsets offsets_;
   Structure structure_;
-  LaneBarrier<3> three_;  // for grasps without coupled contacts and without soft fingers
-  LaneBarrier<4> four_;   // for grasps without coupled contacts
-  Blocks blocks_;         // for all others, and for the primal–dual method
+  // For grasps without coupled contacts; the first of each pair up to four contacts, the threes
+  // without soft fingers.
+  LaneBarrier<3, true> one_of_three_;
+  LaneBarrier<4, true> one_of_four_;
+  LaneBarrier<3, false> three_;
+  LaneBarrier<4, false> four_;
+  Blocks blocks_;  // for all others, and for the primal–dual method
   Barrier barrier_;
   PrimalDual primal_dual_;
   RankExamination rank_;

@@ -2,8 +2,10 @@
 // time, one a lane, with everything of a contact's size fixed when compiled.
 //
 // The same mathematics with the same names; the kernels are in lane_group.hpp. Q is the largest
-// number of components that a contact of the grasp may have. W c = f has at most six rows, and rows
-// that are missing or not in use are rows of zeros with a one on the diagonal of the 6 × 6 system.
+// number of components that a contact of the grasp may have; with `single`, a grasp of no more than
+// four contacts, the compiler keeps a step's numbers in registers. W c = f has at most six rows,
+// and rows that are missing or not in use are rows of zeros with a one on the diagonal of the 6 × 6
+// system.
 #pragma once
 
 #include <algorithm>
@@ -16,7 +18,7 @@
 
 namespace graspforce {
 
-template <int Q>
+template <int Q, bool single>
 class LaneBarrier {
  public:
   explicit LaneBarrier(const Layout& layout) : layout_(layout) {}
@@ -24,6 +26,7 @@ class LaneBarrier {
   // Whether the kernels fit a structure.
   static bool fits(const Layout& layout, const Structure& structure) {
     if (layout.wrench_rows > kWrench || structure.blocks().empty()) return false;
+    if (single && structure.blocks().size() > kLanes) return false;
     for (const Block& block : structure.blocks())
       if (block.contacts.size() > 1 || block.components.size() > Q) return false;
     return true;
@@ -35,7 +38,7 @@ class LaneBarrier {
     const std::vector<Block>& blocks = structure.blocks();
     members_ = static_cast<int>(blocks.size());
     const int groups = (members_ + kLanes - 1) / kLanes;
-    if (groups_.size() < std::size_t(groups)) groups_.resize(groups);
+    if (!single && groups_.size() < std::size_t(groups)) groups_.resize(groups);
     end_ = groups_.data() + groups;
     int joints = 0, inequalities = 0;
     for (const Block& block : blocks) {
@@ -50,21 +53,22 @@ class LaneBarrier {
         group.two_sided = std::max(group.two_sided, blocks[first + l].joints.size());
       for (int l = 0; l < kLanes; ++l)
         group.place(l, blocks[first + std::min(l, group.members - 1)], layout_);
+      group.settle();
     }
   }
 
   // Takes what has changed of a problem's numbers.
   void load(const Problem& p, unsigned changed) {
-    if (changed & kChangedMap || k_ < layout_.wrench_rows) {
-      if (k_ < layout_.wrench_rows) {
-        k_ = layout_.wrench_rows;
-        for (int r = 0; r < kWrench; ++r) row_[r] = r < k_ ? r : 0;
-      }
-      load_wrench_rows(p);
+    const bool reduced = k_ < layout_.wrench_rows;
+    if (reduced) {
+      k_ = layout_.wrench_rows;
+      for (int r = 0; r < kWrench; ++r) row_[r] = r < k_ ? r : 0;
+      system_.set_rows(k_);
     }
+    if (reduced || changed & kChangedMap) load_map(p);
     load_wrench(p);
     if (changed & kChangedJacobian)
-      for (Group& group : *this) group.load_jacobian(p.J);
+      for (Group& group : *this) group.load_jacobian(p.J, layout_.joints);
     if (changed & kChangedRest) load_limits(p);
   }
 
@@ -73,8 +77,9 @@ class LaneBarrier {
     k_ = static_cast<int>(rows.size());
     std::fill_n(row_, kWrench, 0);
     std::copy(rows.begin(), rows.end(), row_);
+    system_.set_rows(k_);
     load_wrench(p);
-    load_wrench_rows(p);
+    load_map(p);
   }
 
   double cone_weight() const { return cone_weight_; }
@@ -98,43 +103,34 @@ class LaneBarrier {
 
   // Pure pushes, each `fraction` of its contact's reach or what the limits leave of that.
   void set_pushes(double fraction) {
-    double known = 0, wrench = 0;
+    double known = 0;
     for (const Group& group : *this) {
       const Lanes reach = group.reach();
       for (int l = 0; l < group.members; ++l)
         if (reach[l] < kInfinity) known = std::max(known, reach[l]);
     }
-    for (const Lanes& half : f_) wrench = std::max(wrench, greatest(abs(half)));
-    const Lanes fallback = splat(known > 0 ? known : wrench > 0 ? wrench : 1);
+    const Lanes fallback = splat(known > 0 ? known : largest_f_ > 0 ? largest_f_ : 1);
     for (Group& group : *this) group.push(fraction * min(group.reach(), fallback));
   }
 
   bool inside() const {
     Lanes worst = splat(kInfinity);
     for (const Group& group : *this) worst = min(worst, group.slack());
-    return least(worst) > 0;
+    return all_positive(worst);
+  }
+
+  // Whether W c = f holds to rounding.
+  bool balanced() const {
+    // Nearly always f alone is yardstick enough.
+    Lanes high, low;
+    errors(high, low);
+    const Lanes room = splat(kBalanced * largest_f_);
+    return (all_positive(room - high) && all_positive(room - low)) || wrench_error() < kBalanced;
   }
 
   // max |f − W c| relative to the wrenches that add up to f.
   double wrench_error() const {
-    Lanes parts[kHalves * kLanes] = {};
-    for (const Group& group : *this) {
-      GRASPFORCE_UNROLL
-      for (int r = 0; r < kWrench; ++r)
-        parts[r] =
-            &group == begin() ? group.wrench(r, group.c) : parts[r] + group.wrench(r, group.c);
-    }
-    Lanes worst = {}, scale = {};
-    GRASPFORCE_UNROLL
-    for (int half = 0; half < kHalves; ++half) {
-      const Lanes* four = parts + half * kLanes;
-      const Lanes error = abs(f_[half] - sums(four[0], four[1], four[2], four[3]));
-      worst = error <= worst ? worst : error;  // NaN stays
-      scale = max(scale, abs(f_[half]));
-    }
-    const double error = greatest(worst);
-    double size = greatest(scale);
-    if (error < 1e-12 * size) return error / size;  // the sizes of the parts only add to that
+    double size = largest_f_;
     for (const Group& group : *this) {
       for (int r = 0; r < kWrench; ++r) {
         Lanes part = {};
@@ -142,7 +138,9 @@ class LaneBarrier {
         size = std::max(size, sum(part));
       }
     }
-    return size > 0 ? error / size : 0;
+    Lanes high, low;
+    errors(high, low);
+    return size > 0 ? greatest(max(high, low)) / size : 0;
   }
 
   double largest_force() const {
@@ -160,14 +158,12 @@ class LaneBarrier {
 
   double newton() {
     WrenchSums total;
-    total.v[WrenchSums::kSize - 1] = Lanes{};
+    GRASPFORCE_UNROLL
+    for (int r = 0; r < kWrench; ++r) total.rhs()[r] = Lanes{f_[r]};
     Group* group = begin();
     group->template add<true>(total);
     while (++group != end()) group->template add<false>(total);
-    sound_ = system_.factor(total, nu_);
-    GRASPFORCE_UNROLL
-    for (int r = 0; r < kWrench; ++r) nu_[r] += f_[r / kLanes][r % kLanes];
-    system_.solve(nu_);
+    sound_ = system_.solve(total, nu_);
     Lanes squared = {};
     for (Group& each : *this) squared += each.step(nu_);
     return std::sqrt(sum(squared));
@@ -205,16 +201,19 @@ class LaneBarrier {
   }
 
   void get_multipliers(double* nu) const {
-    if (k_ < layout_.wrench_rows) std::fill_n(nu, layout_.wrench_rows, 0.0);
-    GRASPFORCE_UNROLL
-    for (int r = 0; r < kWrench; ++r)
-      if (r < k_) nu[row_[r]] = nu_[r] * inverse_cone_weight_;
+    if (k_ == kWrench) {
+      GRASPFORCE_UNROLL
+      for (int r = 0; r < kWrench; ++r) nu[r] = nu_[r] * inverse_cone_weight_;
+      return;
+    }
+    std::fill_n(nu, layout_.wrench_rows, 0.0);
+    for (int r = 0; r < k_; ++r) nu[row_[r]] = nu_[r] * inverse_cone_weight_;
   }
 
   double decrement_bound(double lambda) {
     if (!evaluate<false>()) return kInfinity;
-    Lanes rhs[kHalves * kLanes] = {};
-    for (Group& group : *this) group.template add_gradient<false, false>(rhs);
+    Lanes rhs[kWrench] = {};
+    for (Group& group : *this) group.template add_gradient<false>(rhs);
     for (int r = 0; r < kWrench; ++r) nu_[r] = sum(rhs[r]);
     system_.solve(nu_);
     Lanes squared = {};
@@ -227,13 +226,12 @@ class LaneBarrier {
 
  private:
   using Group = LaneGroup<Q>;
-  static constexpr int kHalves = (kWrench + kLanes - 1) / kLanes;
 
   // The groups in use.
-  Group* begin() { return groups_.data(); }
-  Group* end() { return end_; }
-  const Group* begin() const { return groups_.data(); }
-  const Group* end() const { return end_; }
+  Group* begin() { return single ? &only_ : groups_.data(); }
+  Group* end() { return single ? &only_ + 1 : end_; }
+  const Group* begin() const { return single ? &only_ : groups_.data(); }
+  const Group* end() const { return single ? &only_ + 1 : end_; }
 
   template <bool with_hessian>
   bool evaluate() {
@@ -241,15 +239,30 @@ class LaneBarrier {
     for (Group& group : *this)
       worst =
           min(worst, group.template evaluate<with_hessian>(cone_weight_, limit_weight_, layout_));
-    return least(worst) > 0;
+    return all_positive(worst);
+  }
+
+  // |f − W c|, rows 0 to 3 and the others.
+  GRASPFORCE_INLINE void errors(Lanes& high, Lanes& low) const {
+    Lanes parts[kWrench];
+    for (const Group& group : *this) {
+      GRASPFORCE_UNROLL
+      for (int r = 0; r < kWrench; ++r)
+        parts[r] =
+            &group == begin() ? group.wrench(r, group.c) : parts[r] + group.wrench(r, group.c);
+    }
+    high = abs(four_at(f_) - sums(parts[0], parts[1], parts[2], parts[3]));
+    low = abs(four_at(f_ + kLanes) - sums(parts[4], parts[5], Lanes{}, Lanes{}));
   }
 
   void load_wrench(const Problem& p) {
-    GRASPFORCE_UNROLL
-    for (int r = 0; r < kWrench; ++r) f_[r / kLanes][r % kLanes] = r < k_ ? p.f[row_[r]] : 0;
+    if (k_ == kWrench)
+      std::copy_n(p.f, kWrench, f_);
+    else
+      for (int r = 0; r < kWrench; ++r) f_[r] = r < k_ ? p.f[row_[r]] : 0;
+    largest_f_ = greatest(max(abs(four_at(f_)), abs(four_at(f_ + kLanes))));
   }
-  void load_wrench_rows(const Problem& p) {
-    system_.set_rows(k_);
+  void load_map(const Problem& p) {
     for (Group& group : *this) group.load_map(p.W, components_, row_, k_);
   }
 
@@ -262,12 +275,13 @@ class LaneBarrier {
 
   const Layout& layout_;
   const int components_ = layout_.components();
-  std::vector<Group> groups_;
+  Group only_;                 // with `single`; else
+  std::vector<Group> groups_;  // all of them
   Group* end_ = nullptr;
   WrenchSystem system_;
   int members_ = 0;  // contacts in the grasp
   int k_ = 0, row_[kWrench] = {};
-  Lanes f_[kHalves] = {};
+  double f_[2 * kLanes] = {}, largest_f_ = 0;  // zeros behind the last row
   double nu_[kWrench] = {};
   double cone_weight_ = 1, limit_weight_ = 1, inverse_cone_weight_ = 1;
   bool sound_ = true;

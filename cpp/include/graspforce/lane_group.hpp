@@ -21,12 +21,14 @@ namespace graspforce {
 inline constexpr int kWrench = 6;  // rows of W that the kernels are made for
 
 // What the groups add up to, lane by lane: the lower triangle of Σ W H⁻¹ Wᵀ, row by row, then the
-// right-hand side W (H⁻¹ g − c); one more makes it a multiple of four.
+// right-hand side, f + Σ W (H⁻¹ g − c).
 struct WrenchSums {
-  static constexpr int kTriangle = kWrench * (kWrench + 1) / 2, kSize = kTriangle + kWrench + 1;
-  Lanes v[kSize];
+  static constexpr int kTriangle = kWrench * (kWrench + 1) / 2;
+  Lanes v[kTriangle + kWrench];
 
   Lanes* rhs() { return v + kTriangle; }
+  const Lanes& at(int r, int s) const { return v[r * (r + 1) / 2 + s]; }
+  const Lanes& rhs(int r) const { return v[kTriangle + r]; }
 };
 
 // One row lo ≤ a·c ≤ hi of each of four contacts; lanes without one have a = 0 and room on both
@@ -60,9 +62,12 @@ struct LaneGroup {
   int component[Q][kLanes] = {};  // in c; components that a contact lacks repeat its normal
   Lanes mask[Q] = {};             // 1 where there is a component
   Lanes idle = splat(1);          // 1 in lanes left over
-  bool whole = false;             // no lane left over, no component lacking
-  Lanes rough = {};               // 1 for contacts with friction
-  Lanes soft = {};                // 1 for soft fingers
+  // Whether these are four contacts of Q components that stand side by side in c, and whose joints
+  // stand `stride` apart in J.
+  bool regular = false;
+  int stride = 0;
+  Lanes rough = {};  // 1 for contacts with friction
+  Lanes soft = {};   // 1 for soft fingers
   Lanes mu = splat(1), torsion = splat(1);
   Lanes floor = splat(-kInfinity), ceiling = splat(kInfinity);
   Lanes W[kWrench][Q] = {};
@@ -81,14 +86,13 @@ struct LaneGroup {
     rows.clear();
     two_sided = 0;
     members = contacts;
-    whole = contacts == kLanes;
+    regular = contacts == kLanes;
   }
 
   // Puts the contact of a block into a lane, and once more into each lane left over.
   void place(int lane, const Block& block, const Layout& layout) {
     const bool used = lane < members;
     const int dim = static_cast<int>(block.components.size());
-    whole = whole && dim == Q;
     contact[lane] = block.contacts[0];
     idle[lane] = used ? 0 : 1;
     rough[lane] = dim > 1 ? 1 : 0;
@@ -97,6 +101,7 @@ struct LaneGroup {
       component[i][lane] = block.components[i < dim ? i : 0];
       mask[i][lane] = used && i < dim ? 1 : 0;
     }
+    regular = regular && dim == Q && component[0][lane] == component[0][0] + Q * lane;
     const int m = layout.components();
     auto occupy = [&](std::size_t r, int source, int stride, int offset) {
       if (rows.size() <= r) rows.resize(r + 1);
@@ -111,6 +116,15 @@ struct LaneGroup {
       occupy(r, block.joints[r], layout.joints, block.joints[r]);
     for (int r = 0; r < block.inequalities.size(); ++r)
       occupy(two_sided + r, block.inequalities[r], 1, block.inequalities[r] * m);
+  }
+
+  // Once every lane has its contact: looks for the even steps that make loading cheap.
+  void settle() {
+    stride = rows.empty() ? 0 : rows[0].entry[0][1] - rows[0].entry[0][0];
+    for (int r = 0; r < two_sided; ++r)
+      for (int l = 0; l < kLanes; ++l)
+        regular = regular && rows[r].mask[0][l] == 1 &&
+                  rows[r].entry[0][l] == rows[r].entry[0][0] + l * stride;
   }
 
   // Height mu n and radius ‖w t‖ of y: inside the cone the height is the larger.
@@ -138,30 +152,13 @@ struct LaneGroup {
   }
 
   // Gradient and, when wanted, Hessian; returns the least slack. The sums are kept in locals: what
-  // stands in memory might overlap with the rows for all the compiler knows.
+  // stands in memory might overlap with the rows for all the compiler knows. The cone comes last:
+  // its square root and division take longest.
   template <bool with_hessian>
   GRASPFORCE_INLINE Lanes evaluate(double cone_weight, double limit_weight, const Layout& layout) {
     Lanes height, radius;
     cone(c, height, radius);
-    Lanes worst = height - radius;
-    const Lanes det = worst * (height + radius);
-    const Lanes inverse_det = 1 / det, twice = 2 * inverse_det;
-    Lanes first[Q], sum_g[Q], sum_H[kLower];
-    first[0] = -twice * mu * height;
-    GRASPFORCE_UNROLL
-    for (int i = 1; i < Q; ++i) first[i] = twice * weight(i) * weight(i) * c[i];
-    GRASPFORCE_UNROLL
-    for (int i = 0; i < Q; ++i) sum_g[i] = cone_weight * first[i];
-    if (with_hessian) {
-      const Lanes scaled = cone_weight * twice;
-      sum_H[0] = scaled * mu * mu * ((height * height + radius * radius) * inverse_det);
-      GRASPFORCE_UNROLL
-      for (int i = 1; i < Q; ++i) {
-        GRASPFORCE_UNROLL
-        for (int j = 0; j < i; ++j) sum_H[at(i, j)] = sum_g[i] * first[j];
-        sum_H[at(i, i)] = sum_g[i] * first[i] + scaled * weight(i) * weight(i);
-      }
-    }
+    Lanes worst = height - radius, sum_g[Q] = {}, sum_H[kLower] = {};
     auto add_row = [&](const Row& row, Lanes slope, Lanes bend) {
       GRASPFORCE_UNROLL
       for (int i = 0; i < Q; ++i) {
@@ -192,31 +189,58 @@ struct LaneGroup {
     };
     if (layout.ceilings) bound_normal(ceiling - c[0], 1);
     if (layout.floors) bound_normal(c[0] - floor, -1);
+
+    const Lanes inverse_det = 1 / ((height - radius) * (height + radius)), twice = 2 * inverse_det;
+    const Lanes scaled = cone_weight * twice;
+    Lanes first[Q];
+    first[0] = -twice * mu * height;
     GRASPFORCE_UNROLL
-    for (int i = 0; i < Q; ++i) g[i] = sum_g[i];
+    for (int i = 1; i < Q; ++i) first[i] = twice * weight(i) * weight(i) * c[i];
     GRASPFORCE_UNROLL
-    for (int i = 0; i < kLower && with_hessian; ++i) H[i] = sum_H[i];
+    for (int i = 0; i < Q; ++i) g[i] = sum_g[i] + cone_weight * first[i];
+    if (with_hessian) {
+      const Lanes corner = mu * mu * (height * height + radius * radius);
+      H[0] = sum_H[0] + scaled * (corner * inverse_det);
+      GRASPFORCE_UNROLL
+      for (int i = 1; i < Q; ++i) {
+        const Lanes outer = cone_weight * first[i];
+        GRASPFORCE_UNROLL
+        for (int j = 0; j < i; ++j) H[at(i, j)] = sum_H[at(i, j)] + outer * first[j];
+        H[at(i, i)] = (sum_H[at(i, i)] + scaled * weight(i) * weight(i)) + outer * first[i];
+      }
+    }
     return worst;
   }
 
-  // H = L D Lᵀ in place. A pivot lost to rounding is replaced by a tiny positive one.
+  // H = L D Lᵀ in place, two columns at a time, so that their divisions do not wait for each other:
+  // with pivot p and q below it, t = p v − q u is p times what eliminating column u leaves of v,
+  // and the second pivot is det / p. Rounding is that of one column after the other. A pivot lost
+  // to rounding is replaced by a tiny positive one.
   GRASPFORCE_INLINE void factor() {
+    Lanes tiny[Q];
     GRASPFORCE_UNROLL
-    for (int i = 0; i < Q; ++i) {
-      Lanes pivot = H[at(i, i)];
-      Lanes scaled[Q];
+    for (int i = 0; i < Q; ++i) tiny[i] = 1e-15 * H[at(i, i)];
+    GRASPFORCE_UNROLL
+    for (int j = 0; j < Q; j += 2) {
+      const Lanes p = max(H[at(j, j)], tiny[j]);
+      inverse[j] = 1 / p;
+      if (j + 1 == Q) break;
+      const Lanes q = H[at(j + 1, j)], det = p * H[at(j + 1, j + 1)] - q * q;
+      const Lanes inverse_det = 1 / max(det, tiny[j + 1] * p);
+      inverse[j + 1] = p * inverse_det;
+      H[at(j + 1, j)] = q * inverse[j];
+      Lanes u[Q], t[Q];
       GRASPFORCE_UNROLL
-      for (int j = 0; j < i; ++j) {
-        scaled[j] = H[at(i, j)];
+      for (int i = j + 2; i < Q; ++i) {
+        u[i] = H[at(i, j)];
+        t[i] = p * H[at(i, j + 1)] - q * u[i];
+        H[at(i, j)] = inverse[j] * u[i];
+        H[at(i, j + 1)] = inverse_det * t[i];
         GRASPFORCE_UNROLL
-        for (int k = 0; k < j; ++k) scaled[j] -= H[at(j, k)] * scaled[k];
+        for (int k = j + 2; k <= i; ++k)
+          H[at(i, k)] =
+              (H[at(i, k)] - H[at(i, j)] * u[k]) - inverse_det * (inverse[j] * t[i] * t[k]);
       }
-      GRASPFORCE_UNROLL
-      for (int j = 0; j < i; ++j) {
-        H[at(i, j)] = scaled[j] * inverse[j];
-        pivot -= H[at(i, j)] * scaled[j];
-      }
-      inverse[i] = 1 / max(pivot, 1e-15 * H[at(i, i)]);
     }
   }
 
@@ -255,9 +279,8 @@ struct LaneGroup {
       for (int r = 0; r < kWrench; ++r) g[i] -= W[r][i] * nu[r];
   }
 
-  // Adds W (H⁻¹ g − c), or W H⁻¹ g alone, to a right-hand side; the first group sets it instead
-  // (clearing it beforehand would cost more than the sum).
-  template <bool first, bool less_forces>
+  // Adds W (H⁻¹ g − c), or W H⁻¹ g alone, to a right-hand side.
+  template <bool less_forces>
   GRASPFORCE_INLINE void add_gradient(Lanes* rhs) const {
     Lanes x[Q];
     GRASPFORCE_UNROLL
@@ -266,14 +289,15 @@ struct LaneGroup {
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q && less_forces; ++i) x[i] -= c[i];
     GRASPFORCE_UNROLL
-    for (int r = 0; r < kWrench; ++r) rhs[r] = first ? wrench(r, x) : rhs[r] + wrench(r, x);
+    for (int r = 0; r < kWrench; ++r) rhs[r] += wrench(r, x);
   }
 
-  // Factors H and adds the group's share of the 6 × 6 system. With Y = L⁻¹ Wᵀ it is Yᵀ D⁻¹ Y.
+  // Factors H and adds the group's share of the 6 × 6 system. With Y = L⁻¹ Wᵀ it is Yᵀ D⁻¹ Y. The
+  // first group sets the triangle instead: clearing it beforehand would cost more than the sum.
   template <bool first>
   GRASPFORCE_INLINE void add(WrenchSums& sums) {
     factor();
-    add_gradient<first, true>(sums.rhs());
+    add_gradient<true>(sums.rhs());
     Lanes Y[kWrench][Q];
     GRASPFORCE_UNROLL
     for (int r = 0; r < kWrench; ++r) {
@@ -298,10 +322,14 @@ struct LaneGroup {
   GRASPFORCE_INLINE Lanes residual(const double* nu, Lanes* x) const {
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) {
-      x[i] = -g[i];
+      Lanes odd = W[1][i] * nu[1];  // two sums, each half as long to wait for
+      x[i] = W[0][i] * nu[0] - g[i];
       GRASPFORCE_UNROLL
-      for (int r = 0; r < kWrench; ++r) x[i] += W[r][i] * nu[r];
-      x[i] *= mask[0];
+      for (int r = 2; r < kWrench; r += 2) {
+        x[i] += W[r][i] * nu[r];
+        odd += W[r + 1][i] * nu[r + 1];
+      }
+      x[i] = mask[0] * (x[i] + odd);
     }
     forward(x);
     Lanes squared = {};
@@ -353,7 +381,16 @@ struct LaneGroup {
     return Lanes{from[at[0]], from[at[1]], from[at[2]], from[at[3]]};
   }
 
+  // Q vectors of a regular group's numbers as they stand in memory, made from their number.
+  template <class At>
+  GRASPFORCE_INLINE static void take(At at, Lanes* to) {
+    GRASPFORCE_UNROLL
+    for (int i = 0; i < Q; ++i) to[i] = at(kLanes * i);
+    to_components<Q>(to);
+  }
+
   void set_forces(const double* from) {
+    if (regular) return take([&](int i) { return four_at(from + component[0][0] + i); }, c);
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) c[i] = mask[i] * gather(from, component[i]);
     c[0] += idle;
@@ -361,6 +398,9 @@ struct LaneGroup {
 
   // c ← 2 last − before.
   void extrapolate(const double* last, const double* before) {
+    const int first = component[0][0];
+    auto ahead = [&](int i) { return 2 * four_at(last + first + i) - four_at(before + first + i); };
+    if (regular) return take(ahead, c);
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i)
       c[i] = mask[i] * (2 * gather(last, component[i]) - gather(before, component[i]));
@@ -370,6 +410,15 @@ struct LaneGroup {
   // From the last to the first: what a lane left over or a missing component writes is then
   // overwritten by the one it repeats.
   void get_forces(double* to) const {
+    if (regular) {
+      Lanes side_by_side[Q];
+      std::copy_n(c, Q, side_by_side);
+      to_contacts<Q>(side_by_side);
+      GRASPFORCE_UNROLL
+      for (int i = 0; i < Q; ++i)
+        std::memcpy(to + component[0][0] + kLanes * i, &side_by_side[i], sizeof(Lanes));
+      return;
+    }
     GRASPFORCE_UNROLL
     for (int i = Q - 1; i >= 0; --i) {
       GRASPFORCE_UNROLL
@@ -377,24 +426,31 @@ struct LaneGroup {
     }
   }
 
-  // The rows of W in use; the others are zeros. A group that is whole needs no masks.
+  // The rows of W in use; the others are zeros.
   void load_map(const double* map, int m, const int* row, int k) {
-    if (whole)
-      load_map<true>(map, m, row, k);
-    else
-      load_map<false>(map, m, row, k);
-  }
-  template <bool whole>
-  void load_map(const double* map, int m, const int* row, int k) {
-    GRASPFORCE_UNROLL
-    for (int r = 0; r < kWrench; ++r) {
-      const double* from = map + std::size_t(row[r]) * m;
+    if (regular && k == kWrench) {
+      const double* from = map + component[0][0];
       GRASPFORCE_UNROLL
-      for (int i = 0; i < Q; ++i) {
-        W[r][i] = Lanes{};
-        if (r < k)
-          W[r][i] = whole ? gather(from, component[i]) : mask[i] * gather(from, component[i]);
-      }
+      for (int r = 0; r < kWrench; ++r, from += m)
+        take([&](int i) { return four_at(from + i); }, W[r]);
+      return;
+    }
+    for (int r = 0; r < kWrench; ++r)
+      for (int i = 0; i < Q; ++i)
+        W[r][i] = r < k ? mask[i] * gather(map + std::size_t(row[r]) * m, component[i]) : Lanes{};
+  }
+
+  void load_jacobian(const double* J, int joints) {
+    if (!regular) {
+      for (int r = 0; r < two_sided; ++r) load_row(rows[r], J);
+      return;
+    }
+    const std::ptrdiff_t step = stride;
+    for (Row *row = rows.data(), *end = row + two_sided; row != end; ++row) {
+      const double* from = J + row->entry[0][0];
+      GRASPFORCE_UNROLL
+      for (int i = 0; i < Q; ++i, from += joints)
+        row->a[i] = Lanes{from[0], from[step], from[2 * step], from[3 * step]};
     }
   }
 
@@ -402,10 +458,6 @@ struct LaneGroup {
   static void load_row(Row& row, const double* from) {
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) row.a[i] = row.mask[i] * gather(from, row.entry[i]);
-  }
-
-  void load_jacobian(const double* J) {
-    for (int r = 0; r < two_sided; ++r) load_row(rows[r], J);
   }
 
   void load_limits(const Problem& p, const Layout& layout) {
@@ -452,62 +504,101 @@ struct LaneGroup {
 };
 
 // The 6 × 6 system, S = L D Lᵀ.
+//
+// The right-hand side is a seventh row of it, which eliminating the columns turns into D⁻¹ L⁻¹
+// times it. A column is two vectors: rows 0 to 3, then rows 4, 5 and the right-hand side. Places
+// above the diagonal hold anything.
 class WrenchSystem {
  public:
   // Rows from `k` on are not in use: they get a one on the diagonal.
   void set_rows(int k) {
-    for (int r = 0; r < kWrench; ++r) unit_[r] = r < k ? 0 : 1;
+    for (int r = 0; r < kWrench; ++r) unit_[r][r % kLanes] = r < k ? 0 : 1;
   }
 
-  // Takes the sums over the lanes, S and a right-hand side that is left in x. False when a pivot
-  // is next to nothing beside its diagonal entry: W may have dependent rows.
-  GRASPFORCE_INLINE bool factor(const WrenchSums& lanes, double* x) {
-    double entries[WrenchSums::kSize];
+  // Takes the sums over the lanes and solves for x. False when a pivot is next to nothing beside
+  // its diagonal entry: W may have dependent rows.
+  GRASPFORCE_INLINE bool solve(const WrenchSums& s, double* x) {
+    Lanes upper[kLanes], lower[kWrench];
+    upper[0] = sums(s.at(0, 0), s.at(1, 0), s.at(2, 0), s.at(3, 0));
+    upper[1] = sums(s.at(3, 3), s.at(1, 1), s.at(2, 1), s.at(3, 1));
+    upper[2] = sums(s.rhs(5), s.at(5, 5), s.at(2, 2), s.at(3, 2));
+    upper[3] = splat(upper[1][0]);
     GRASPFORCE_UNROLL
-    for (int i = 0; i < WrenchSums::kSize; i += kLanes) {
-      const Lanes four = sums(lanes.v[i], lanes.v[i + 1], lanes.v[i + 2], lanes.v[i + 3]);
-      std::memcpy(entries + i, &four, sizeof four);
-    }
-    GRASPFORCE_UNROLL
-    for (int r = 0; r < kWrench; ++r) x[r] = entries[WrenchSums::kTriangle + r];
-    bool sound = true;
-    GRASPFORCE_UNROLL
-    for (int i = 0; i < kWrench; ++i) {
-      const double* row = entries + i * (i + 1) / 2;
-      double scaled[kWrench];
-      const double before = row[i] + unit_[i];
-      double pivot = before;
-      GRASPFORCE_UNROLL
-      for (int j = 0; j < i; ++j) {
-        scaled[j] = row[j];
-        GRASPFORCE_UNROLL
-        for (int l = 0; l < j; ++l) scaled[j] -= L_[j][l] * scaled[l];
-        L_[i][j] = scaled[j] * inverse_[j];
-        pivot -= scaled[j] * scaled[j] * inverse_[j];  // (shorter to wait for than L · scaled)
-      }
-      sound &= pivot > kSuspectPivot * before;
-      inverse_[i] = 1 / std::max(pivot, 1e-15 * before);
-    }
+    for (int j = 0; j < 5; ++j) lower[j] = sums(s.at(4, j), s.at(5, j), s.rhs(j), s.rhs(j));
+    lower[5] = shuffle<0, 1, 0, 0>(upper[2], upper[2]);
+    const bool sound = eliminate(upper, lower);
+    back(x);
     return sound;
   }
 
-  GRASPFORCE_INLINE void solve(double* x) const {
+  // Solves for another right-hand side, in place.
+  GRASPFORCE_INLINE void solve(double* x) {
     GRASPFORCE_UNROLL
-    for (int i = 1; i < kWrench; ++i) {
+    for (int j = 0; j < kWrench; ++j) {
       GRASPFORCE_UNROLL
-      for (int j = 0; j < i; ++j) x[i] -= L_[i][j] * x[j];
+      for (int i = j + 1; i < kWrench; ++i) x[i] -= L_[j][i] * x[j];
+      L_[j][kWrench] = x[j] * inverse_[j];
     }
-    GRASPFORCE_UNROLL
-    for (int i = 0; i < kWrench; ++i) x[i] *= inverse_[i];
-    GRASPFORCE_UNROLL
-    for (int i = kWrench - 2; i >= 0; --i) {
-      GRASPFORCE_UNROLL
-      for (int j = i + 1; j < kWrench; ++j) x[i] -= L_[j][i] * x[j];
-    }
+    back(x);
   }
 
  private:
-  double unit_[kWrench] = {}, L_[kWrench][kWrench], inverse_[kWrench];
+  // Two columns at a time, as in LaneGroup::factor.
+  GRASPFORCE_INLINE bool eliminate(Lanes* upper, Lanes* lower) {
+    bool sound = true;
+    auto entry = [](int row, Lanes high, Lanes low) {
+      return row < kLanes ? spread(high, row) : spread(low, row - kLanes);
+    };
+    Lanes before[kWrench];
+    GRASPFORCE_UNROLL
+    for (int j = 0; j < kWrench; ++j) {
+      (j < kLanes ? upper : lower)[j] += unit_[j];
+      before[j] = entry(j, upper[j], lower[j]);
+    }
+    GRASPFORCE_UNROLL
+    for (int j = 0; j < kWrench; j += 2) {
+      const bool tall = j < kLanes;  // the columns reach into the upper rows
+      const Lanes p = entry(j, upper[j], lower[j]);
+      const Lanes q = entry(j + 1, upper[j], lower[j]);
+      const Lanes r = entry(j + 1, upper[j + 1], lower[j + 1]);
+      const Lanes det = p * r - q * q;
+      sound &= (p[0] > kSuspectPivot * before[j][0]) &
+               (det[0] > kSuspectPivot * before[j + 1][0] * p[0]);
+      const Lanes first = max(p, 1e-15 * before[j]), inverse = 1 / first;
+      const Lanes inverse_det = 1 / max(det, 1e-15 * before[j + 1] * first);
+      inverse_[j] = inverse[0];
+      inverse_[j + 1] = (first * inverse_det)[0];
+      const Lanes high = tall ? inverse * upper[j] : Lanes{}, low = inverse * lower[j];
+      const Lanes t_high = tall ? p * upper[j + 1] - q * upper[j] : Lanes{};
+      const Lanes t_low = p * lower[j + 1] - q * lower[j];
+      GRASPFORCE_UNROLL
+      for (int i = j + 2; i < kWrench; ++i) {
+        const Lanes u = entry(i, upper[j], lower[j]), t = inverse * entry(i, t_high, t_low);
+        if (i < kLanes) upper[i] = (upper[i] - u * high) - inverse_det * (t * t_high);
+        lower[i] = (lower[i] - u * low) - inverse_det * (t * t_low);
+      }
+      keep(j, high, low);
+      keep(j + 1, inverse_det * t_high, inverse_det * t_low);
+    }
+    return sound;
+  }
+  GRASPFORCE_INLINE void keep(int j, Lanes high, Lanes low) {
+    if (j < kLanes) std::memcpy(L_[j], &high, sizeof high);
+    std::memcpy(L_[j] + kLanes, &low, sizeof low);
+  }
+
+  // x ← L⁻ᵀ x from the seventh row.
+  GRASPFORCE_INLINE void back(double* x) const {
+    GRASPFORCE_UNROLL
+    for (int j = kWrench - 1; j >= 0; --j) {
+      x[j] = L_[j][kWrench];
+      GRASPFORCE_UNROLL
+      for (int i = kWrench - 1; i > j; --i) x[j] -= L_[j][i] * x[i];
+    }
+  }
+
+  Lanes unit_[kWrench] = {};  // what the diagonal of each column gets
+  double L_[kWrench][2 * kLanes] = {}, inverse_[kWrench] = {};  // L column by column
 };
 
 }  // namespace graspforce

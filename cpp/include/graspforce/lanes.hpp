@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 
 // The kernels' loops have small constant bounds; unrolled, their arrays become registers.
 #if defined(__clang__)
@@ -28,6 +29,11 @@ inline Lanes sqrt(Lanes a) {
   for (int i = 0; i < kLanes; ++i) a[i] = std::sqrt(a[i]);
   return a;
 }
+// Whether a number is positive in every lane: false where one is not a number.
+inline bool all_positive(Lanes a) {
+  const auto yes = a > 0;
+  return ((yes[0] & yes[1]) & (yes[2] & yes[3])) != 0;
+}
 inline double sum(Lanes a) { return (a[0] + a[1]) + (a[2] + a[3]); }
 inline double least(Lanes a) {
   const double x = a[0] < a[1] ? a[0] : a[1], y = a[2] < a[3] ? a[2] : a[3];
@@ -38,23 +44,76 @@ inline double greatest(Lanes a) {
   return x > y ? x : y;
 }
 
-// Sums over the lanes of four vectors at once: one transposition instead of four reductions.
-inline Lanes sums(Lanes a, Lanes b, Lanes c, Lanes d) {
+// Four of the eight doubles of a and b, by their places: 0…3 in a, 4…7 in b.
+template <int i, int j, int k, int l>
+inline Lanes shuffle(Lanes a, Lanes b) {
 #if defined(__clang__)
-  const Lanes ab =
-      __builtin_shufflevector(a, b, 0, 4, 2, 6) + __builtin_shufflevector(a, b, 1, 5, 3, 7);
-  const Lanes cd =
-      __builtin_shufflevector(c, d, 0, 4, 2, 6) + __builtin_shufflevector(c, d, 1, 5, 3, 7);
-  return __builtin_shufflevector(ab, cd, 0, 1, 4, 5) + __builtin_shufflevector(ab, cd, 2, 3, 6, 7);
+  return __builtin_shufflevector(a, b, i, j, k, l);
 #else
   typedef long long Index __attribute__((vector_size(kLanes * sizeof(long long))));
-  const Lanes ab =
-      __builtin_shuffle(a, b, Index{0, 4, 2, 6}) + __builtin_shuffle(a, b, Index{1, 5, 3, 7});
-  const Lanes cd =
-      __builtin_shuffle(c, d, Index{0, 4, 2, 6}) + __builtin_shuffle(c, d, Index{1, 5, 3, 7});
-  return __builtin_shuffle(ab, cd, Index{0, 1, 4, 5}) +
-         __builtin_shuffle(ab, cd, Index{2, 3, 6, 7});
+  return __builtin_shuffle(a, b, Index{i, j, k, l});
 #endif
+}
+
+// One of the four in every lane; quicker than by way of a scalar where i is known to the compiler.
+GRASPFORCE_INLINE Lanes spread(Lanes a, int i) {
+  switch (i) {
+    case 0:
+      return shuffle<0, 0, 0, 0>(a, a);
+    case 1:
+      return shuffle<1, 1, 1, 1>(a, a);
+    case 2:
+      return shuffle<2, 2, 2, 2>(a, a);
+    default:
+      return shuffle<3, 3, 3, 3>(a, a);
+  }
+}
+
+// Sums over the lanes of four vectors at once: one transposition instead of four reductions.
+inline Lanes sums(Lanes a, Lanes b, Lanes c, Lanes d) {
+  const Lanes ab = shuffle<0, 4, 2, 6>(a, b) + shuffle<1, 5, 3, 7>(a, b);
+  const Lanes cd = shuffle<0, 4, 2, 6>(c, d) + shuffle<1, 5, 3, 7>(c, d);
+  return shuffle<0, 1, 4, 5>(ab, cd) + shuffle<2, 3, 6, 7>(ab, cd);
+}
+
+inline Lanes four_at(const double* from) {
+  Lanes four;
+  std::memcpy(&four, from, sizeof four);
+  return four;
+}
+
+// Of four contacts with Q numbers each, which stand side by side in Q vectors: one vector a number.
+template <int Q>
+GRASPFORCE_INLINE void to_components(Lanes* v) {
+  static_assert(Q == 3 || Q == 4);
+  if constexpr (Q == 3) {
+    const Lanes a = shuffle<0, 1, 6, 7>(v[0], v[1]), b = shuffle<2, 3, 4, 5>(v[0], v[2]);
+    const Lanes c = shuffle<0, 1, 6, 7>(v[1], v[2]);
+    v[0] = shuffle<0, 5, 2, 7>(a, b);
+    v[1] = shuffle<1, 4, 3, 6>(a, c);
+    v[2] = shuffle<0, 5, 2, 7>(b, c);
+  } else {
+    const Lanes a = shuffle<0, 4, 2, 6>(v[0], v[1]), b = shuffle<1, 5, 3, 7>(v[0], v[1]);
+    const Lanes c = shuffle<0, 4, 2, 6>(v[2], v[3]), d = shuffle<1, 5, 3, 7>(v[2], v[3]);
+    v[0] = shuffle<0, 1, 4, 5>(a, c);
+    v[1] = shuffle<0, 1, 4, 5>(b, d);
+    v[2] = shuffle<2, 3, 6, 7>(a, c);
+    v[3] = shuffle<2, 3, 6, 7>(b, d);
+  }
+}
+
+// The reverse.
+template <int Q>
+GRASPFORCE_INLINE void to_contacts(Lanes* v) {
+  if constexpr (Q == 3) {
+    const Lanes a = shuffle<0, 4, 2, 6>(v[0], v[1]), b = shuffle<0, 5, 2, 7>(v[2], v[0]);
+    const Lanes c = shuffle<1, 5, 3, 7>(v[1], v[2]);
+    v[0] = shuffle<0, 1, 4, 5>(a, b);
+    v[1] = shuffle<0, 1, 6, 7>(c, a);
+    v[2] = shuffle<2, 3, 6, 7>(b, c);
+  } else {
+    to_components<Q>(v);  // a transposition
+  }
 }
 
 }  // namespace graspforce

@@ -18,6 +18,9 @@ inline constexpr double kRemovalThreshold = 1e-6;
 // Share of a limit that the pushes of a cold start use up at most.
 inline constexpr double kMostUsed = 0.9;
 
+// Share of the wrenches that add up to f to which W c = f has to hold.
+inline constexpr double kBalanced = 1e-10;
+
 struct Layout {
   int wrench_rows = 6;        // k, rows of W
   std::vector<Model> models;  // n contacts

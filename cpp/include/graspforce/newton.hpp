@@ -51,7 +51,7 @@ Newton minimise(Barrier& barrier, double lambda, double tol, Budget& budget, boo
     bound = taken == 1 ? decrement_after(lambda) : kInfinity;
     if (bound < kInfinity && bound * bound / 2 > tol)
       bound = std::min(bound, barrier.decrement_bound(lambda));
-    if (bound * bound / 2 <= tol && barrier.wrench_error() < 1e-10)
+    if (bound * bound / 2 <= tol && barrier.balanced())
       return {barrier.inside() ? Newton::End::Certified : Newton::End::Boundary, bound};
 
     // While W c = f is being restored Phi may well rise, and there is nothing to hold a step to.

@@ -38,7 +38,7 @@ using Indices = Span<const int>;
 class Zeros {
  public:
   void reserve(std::size_t entries) {
-    fours_.reserve(entries / 2);
+    fours_.reserve(entries / 2 + kAtOnce);
     ones_.reserve(entries);
   }
 
@@ -52,26 +52,21 @@ class Zeros {
       for (int i = at; end - at < 4 && i < end; ++i) ones_.push_back(i);
       for (int i = at; end - at >= 4 && i < end; i += 4) fours_.push_back(std::min(i, end - 4));
     }
+    while (fours_.size() % kAtOnce != 0) fours_.push_back(fours_.back());
   }
 
   // Whether any of them is not.
   bool any(const double* entries) const {
     typedef std::uint64_t Bits __attribute__((vector_size(32)));
     constexpr std::uint64_t kMagnitude = ~std::uint64_t{0} >> 1;  // all bits but the sign
-    Bits even = {}, odd = {}, bits;
-    const std::size_t pairs = fours_.size() / 2;
-    for (std::size_t i = 0; i < 2 * pairs; i += 2) {
-      std::memcpy(&bits, entries + fours_[i], sizeof bits);
-      even |= bits;
-      std::memcpy(&bits, entries + fours_[i + 1], sizeof bits);
-      odd |= bits;
-    }
-    for (std::size_t i = 2 * pairs; i < fours_.size(); ++i) {
-      std::memcpy(&bits, entries + fours_[i], sizeof bits);
-      even |= bits;
-    }
-    even |= odd;
-    std::uint64_t found = even[0] | even[1] | even[2] | even[3], one;
+    Bits found_in[kAtOnce] = {}, bits;
+    for (auto at = fours_.begin(); at != fours_.end(); at += kAtOnce)
+      for (int i = 0; i < kAtOnce; ++i) {
+        std::memcpy(&bits, entries + at[i], sizeof bits);
+        found_in[i] |= bits;
+      }
+    const Bits every = (found_in[0] | found_in[1]) | (found_in[2] | found_in[3]);
+    std::uint64_t found = every[0] | every[1] | every[2] | every[3], one;
     for (int at : ones_) {
       std::memcpy(&one, entries + at, sizeof one);
       found |= one;
@@ -80,6 +75,8 @@ class Zeros {
   }
 
  private:
+  static constexpr int kAtOnce = 4;  // windows that are looked at side by side
+
   std::vector<int> fours_, ones_;
 };
 
@@ -120,16 +117,19 @@ class Structure {
   int dim(int contact) const { return start_[contact + 1] - start_[contact]; }
   const std::vector<Block>& blocks() const { return blocks_; }
 
-  // True when this structure still holds: no entry of J or A outside the blocks, the same
-  // contacts in the grasp. Only what has changed is looked at.
-  bool holds(const Problem& p, unsigned changed = kChangedAll) const {
+  // Whether the same contacts are in the grasp. Only what has changed is looked at, here and below.
+  bool same_contacts(const Problem& p, unsigned changed) const {
     if (blocks_.empty()) return false;
-    if (changed & kChangedRest) {
+    if (changed & kChangedRest)
       for (int i = 0; i < layout_.contacts(); ++i)
         if (p.in_grasp(i) != (block_of_contact_[i] != kNone)) return false;
-      if (outside_A_.any(p.A)) return false;
-    }
+    return true;
+  }
+
+  // Whether J and A still have no entry outside the blocks of these contacts.
+  bool same_pattern(const Problem& p, unsigned changed) const {
     if (changed & kChangedJacobian && outside_J_.any(p.J)) return false;
+    if (changed & kChangedRest && outside_A_.any(p.A)) return false;
     return all_in_grasp_ || !(changed & (kChangedJacobian | kChangedRest)) || same_limits_count(p);
   }
 
