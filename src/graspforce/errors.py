@@ -41,6 +41,10 @@ class MissingExtraError(GraspForceError, ImportError):
         return (type(self), self._given)
 
 
+class RenderError(GraspForceError):
+    """Nothing can be drawn here; the text says what to install or to set."""
+
+
 class SolveError(GraspForceError):
     """A solution was required to be SOLVED and is not; ``solution`` holds what was found."""
 

@@ -7,6 +7,7 @@ robot is taken as held: its six free degrees of freedom are in nobody's Jacobian
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -14,23 +15,45 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
-from graspforce.errors import InvalidInputError, MissingExtraError
+from graspforce.errors import InvalidInputError, MissingExtraError, RenderError
 from graspforce.hands.limits import DriveLimit
 from graspforce.hands.transmission import Transmission, connected_dofs, transmission
 
 
-def mujoco_module() -> Any:
+def mujoco_module(purpose: str = "reading MuJoCo models", extra: str = "mujoco") -> Any:
     """Return MuJoCo, which has no types of its own.
+
+    Args:
+        purpose: what it is needed for, for the error's text.
+        extra: the extra that brings it.
 
     Raises:
         MissingExtraError: it is not installed.
+        RenderError: it cannot be imported with the MUJOCO_GL that is set.
     """
     try:
         import mujoco  # pyright: ignore[reportMissingTypeStubs]
     except ImportError as error:
-        raise MissingExtraError("reading MuJoCo models", "mujoco", "mujoco") from error
+        raise MissingExtraError(purpose, "mujoco", extra) from error
+    except Exception as error:  # it opens OpenGL's library as it is imported, which fails variously
+        raise no_opengl(os.environ.get("MUJOCO_GL", ""), error) from error
     module: Any = mujoco
     return module
+
+
+def no_opengl(setting: str, cause: object) -> RenderError:
+    """Return what is said where MuJoCo finds no OpenGL.
+
+    Args:
+        setting: of the environment variable MUJOCO_GL.
+        cause: the error that came of it.
+    """
+    return RenderError(
+        f"rendering: MUJOCO_GL={setting or '(not set)'} gives no OpenGL context ({cause}); "
+        "without a screen set MUJOCO_GL=egl and install libegl1 and libgl1-mesa-dri, or set "
+        "MUJOCO_GL=osmesa and install libosmesa6 (Debian's names); simulation without pictures "
+        "needs none: MUJOCO_GL=disable"
+    )
 
 
 class Drive(NamedTuple):
@@ -84,20 +107,25 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
     return list(found.values()), notes
 
 
-def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
-    """Return the range of a motor's force before its gear, infinite where there is none."""
-    low, high = -np.inf, np.inf
-    if model.actuator_forcelimited[motor]:
-        low, high = model.actuator_forcerange[motor]
+def is_plain_motor(model: Any, motor: int) -> bool:
+    """Return whether an actuator's force is its gain times its control, as of a <motor>."""
+    mj = mujoco_module()
     filters = (mj.mjtDyn.mjDYN_NONE, mj.mjtDyn.mjDYN_FILTER, mj.mjtDyn.mjDYN_FILTEREXACT)
-    input_ = int(model.actuator_ctrladr[motor])
-    force_is_gain_times_control = (
+    return bool(
         model.actuator_ctrlnum[motor] == 1
         and model.actuator_gaintype[motor] == int(mj.mjtGain.mjGAIN_FIXED)
         and model.actuator_biastype[motor] == int(mj.mjtBias.mjBIAS_NONE)
         and model.actuator_dyntype[motor] in [int(each) for each in filters]
     )
-    if force_is_gain_times_control and model.actuator_ctrllimited[input_]:
+
+
+def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
+    """Return the range of a motor's force before its gear, infinite where there is none."""
+    low, high = -np.inf, np.inf
+    if model.actuator_forcelimited[motor]:
+        low, high = model.actuator_forcerange[motor]
+    input_ = int(model.actuator_ctrladr[motor])
+    if is_plain_motor(model, motor) and model.actuator_ctrllimited[input_]:
         ends = sorted(model.actuator_gainprm[motor, 0] * model.actuator_ctrlrange[input_])
         low, high = max(low, ends[0]), min(high, ends[1])
     return float(low), float(high)

@@ -15,10 +15,11 @@ Needs the extra: ``pip install 'graspforce[sim]'``.
 
 from __future__ import annotations
 
+from graspforce.errors import RenderError
 from graspforce.sim.disturbance import Disturbance, Push
 from graspforce.sim.log import Ending, Log, check_log_file
 from graspforce.sim.loop import run
-from graspforce.sim.render import RenderError, check_video_file, save_still, save_video
+from graspforce.sim.render import check_video_file, save_still, save_video
 from graspforce.sim.scenes import NAMES, get
 from graspforce.sim.trial import Finger, Gains, Grip, Step, Trial
 

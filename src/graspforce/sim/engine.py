@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
 
-from graspforce.errors import MissingExtraError
+from graspforce.hands.mujoco_model import mujoco_module
 
-
-def _load() -> Any:
-    try:
-        return importlib.import_module("mujoco")
-    except ImportError as error:
-        raise MissingExtraError("simulation", "mujoco", "sim") from error
-
-
-mj: Any = _load()
+mj: Any = mujoco_module("simulation", "sim")
 """The module ``mujoco``."""
 
 

@@ -26,7 +26,7 @@ _LINK_MASS = 0.02  # [kg]
 _TIP_MASS = 0.002  # [kg]
 
 GREY, DARK, TIP = (0.62, 0.66, 0.70, 1.0), (0.27, 0.31, 0.36, 1.0), (0.13, 0.15, 0.18, 1.0)
-WOOD = (0.87, 0.68, 0.42, 0.45)  # translucent, so that the forces on it are seen
+WOOD = (0.87, 0.68, 0.42, 1.0)
 
 
 def stage(name: str, gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Any:
@@ -53,8 +53,6 @@ def dress(spec: Any, name: str) -> None:
     spec.visual.headlight.ambient = (0.45, 0.45, 0.45)
     spec.visual.headlight.diffuse = (0.5, 0.5, 0.5)
     spec.visual.headlight.specular = (0.1, 0.1, 0.1)
-    visual = spec.visual.global_
-    visual.offwidth, visual.offheight = 1280, 960
     spec.visual.quality.shadowsize = 2048
     spec.add_texture(
         name="sky", type=mj.mjtTexture.mjTEXTURE_SKYBOX, builtin=mj.mjtBuiltin.mjBUILTIN_FLAT,

@@ -1,13 +1,14 @@
 """Stills and videos of a simulation, drawn again from its log.
 
 Every contact gets its friction cone and, in it, the force that the physics gave: what a fingertip
-exerts on the object, which the scenes draw translucent, or the ground on a foot.
+exerts on the object, which is drawn translucent, or the ground on a foot.
 
 Drawing is offscreen, by EGL where ``MUJOCO_GL`` does not say otherwise.
 """
 
 from __future__ import annotations
 
+import copy
 import importlib
 import math
 import os
@@ -21,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
-from graspforce.errors import GraspForceError, InvalidInputError, MissingExtraError
+from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.files import check_output, replacing
+from graspforce.hands.mujoco_model import no_opengl
 from graspforce.sim.engine import mj
 from graspforce.sim.log import Log
 from graspforce.sim.trial import Trial
@@ -36,21 +38,20 @@ Image = NDArray[np.uint8]
 
 _CONE = (0.0, 0.45, 0.70, 0.28)
 _FORCE = (0.84, 0.37, 0.0, 1.0)
+_OBJECT = 0.45  # at the most opaque
 _FACETS = 32
-
-
-class RenderError(GraspForceError):
-    """Nothing can be drawn here; the text says what to install or to set."""
 
 
 class Camera:
     """Draws moments of a simulation as images; close it, or use it in a ``with``.
 
+    It looks through the model's camera "view"; without one, as MuJoCo's viewer would.
+
     Args:
         trial: what was simulated.
         log: what it gave.
         width: of the images [pixel].
-        height: likewise; at most 1280 × 960.
+        height: likewise.
 
     Raises:
         RenderError: there is no OpenGL to draw with.
@@ -58,14 +59,19 @@ class Camera:
 
     def __init__(self, trial: Trial, log: Log, width: int = 640, height: int = 480) -> None:
         self._trial, self._log = trial, log
-        self._data = mj.MjData(trial.model)
-        self._gl = _open_gl(width, height)
-        self._context: Any = mj.MjrContext(trial.model, mj.mjtFontScale.mjFONTSCALE_100.value)
-        mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
-        self._scene = mj.MjvScene(trial.model, maxgeom=2000)
+        self._model: Any = copy.copy(trial.model)
+        self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
+        if trial.ground is None:  # so that the cones and forces in the object are seen
+            held = self._model.geom_bodyid == self._model.body(trial.body).id
+            self._model.geom_rgba[held, 3] = np.minimum(self._model.geom_rgba[held, 3], _OBJECT)
+        self._data = mj.MjData(self._model)
+        self._gl, self._context = _open_gl(self._model)
+        self._scene = mj.MjvScene(self._model, maxgeom=2000)
         self._options, self._view = mj.MjvOption(), mj.MjvCamera()
-        self._view.type = mj.mjtCamera.mjCAMERA_FIXED
-        self._view.fixedcamid = trial.model.camera("view").id
+        mj.mjv_defaultFreeCamera(self._model, self._view)
+        camera = mj.mj_name2id(self._model, mj.mjtObj.mjOBJ_CAMERA, "view")
+        if camera >= 0:
+            self._view.type, self._view.fixedcamid = mj.mjtCamera.mjCAMERA_FIXED, camera
         self._rectangle = mj.MjrRect(0, 0, width, height)
         # The largest force of most ticks is drawn half as long as the object is wide.
         largest = float(np.median(np.linalg.norm(log.force, axis=-1).max(axis=1))) or 1.0
@@ -84,7 +90,7 @@ class Camera:
 
     def image(self, tick: int) -> Image:
         """Return the picture of a tick, shape (height, width, 3)."""
-        model, data = self._trial.model, self._data
+        model, data = self._model, self._data
         data.qpos[:] = self._log.qpos[tick]
         mj.mj_forward(model, data)
         every = mj.mjtCatBit.mjCAT_ALL.value
@@ -111,7 +117,9 @@ class Camera:
             self._triangle(point, one, other)
         if np.linalg.norm(force) * self._length > 1e-3 * length:
             arrow = self._new_geom(mj.mjtGeom.mjGEOM_ARROW, _FORCE)
-            end = point + self._length * force
+            arrow.emission = 0.4  # seen in the shade, too
+            # MuJoCo draws an arrow half as long as it is told.
+            end = point + 2 * self._length * force
             mj.mjv_connector(arrow, mj.mjtGeom.mjGEOM_ARROW, 0.06 * length, point, end)
 
     def _triangle(self, corner: Array, one: Array, other: Array) -> None:
@@ -202,8 +210,9 @@ def _size(trial: Trial) -> float:
     return float(np.linalg.norm(points[:, None] - points, axis=-1).max())
 
 
-def _open_gl(width: int, height: int) -> Any:
-    """Return an OpenGL context made current, whichever way this machine has one."""
+def _open_gl(model: Any) -> tuple[Any, Any]:
+    """Return an OpenGL context, whichever way this machine has one, and MuJoCo's in it."""
+    size = model.vis.global_
     wanted = os.environ.get("MUJOCO_GL", "").lower() or (
         "egl" if platform.system() == "Linux" else ""
     )
@@ -211,15 +220,13 @@ def _open_gl(width: int, height: int) -> Any:
         module = importlib.import_module(
             f"mujoco.{wanted}" if wanted in ("egl", "osmesa", "glfw") else "mujoco.gl_context"
         )
-        context: Any = module.GLContext(width, height)
-        context.make_current()
+        gl: Any = module.GLContext(size.offwidth, size.offheight)
+        gl.make_current()
+        context: Any = mj.MjrContext(model, mj.mjtFontScale.mjFONTSCALE_100.value)
     except Exception as error:  # what a missing driver raises differs with each platform
-        raise RenderError(
-            f"rendering: MUJOCO_GL={wanted or '(not set)'} gives no OpenGL context ({error}); "
-            "without a screen set MUJOCO_GL=egl and install libegl1 and libgl1-mesa-dri, or set "
-            "MUJOCO_GL=osmesa and install libosmesa6 (Debian's names)"
-        ) from error
-    return context
+        raise no_opengl(wanted, error) from error
+    mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
+    return gl, context
 
 
 def _imageio() -> Any:

@@ -118,7 +118,7 @@ def trial(name: str, summary: str, motion: Motion, true_mu: float, **options: An
         name="cube", type=mj.mjtGeom.mjGEOM_BOX, size=(half, half, half), mass=CUBE.mass,
         rgba=parts.WOOD, **parts.grip_surface(true_mu), **parts.touching("object"),
     )  # fmt: skip
-    parts.camera(spec, (0.36, -0.36, 0.28), (0.015, 0.01, 0.065))
+    parts.camera(spec, (0.2, -0.48, 0.24), (0.02, 0.01, 0.065))
     model = spec.compile()
     tips = [
         state.position + state.rotation @ (grip.point - parts.TIP_RADIUS * grip.normal)
