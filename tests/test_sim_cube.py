@@ -1,5 +1,7 @@
 """The paper's hand and cube in physics: the figures that the closed loop has to reach."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -37,6 +39,14 @@ def test_the_cube_is_where_it_should_be(logs, name, millimetres, degrees):
     assert np.all(np.abs(log.tau) <= log.tau_max)
     assert np.all(log.status == Status.SOLVED)
     assert log.newton_steps.mean() <= 1.2
+
+
+def test_a_trial_of_two_seconds_is_quick():
+    (trial,) = sim.get("circle")
+    before = time.process_time()  # not by the clock on the wall: the machine may be busy
+    log = sim.run(trial)
+    assert log.t[-1] == pytest.approx(2, abs=0.01)
+    assert time.process_time() - before <= 5
 
 
 def test_feed_forward_is_worth_it(logs):

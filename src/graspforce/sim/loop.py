@@ -56,18 +56,25 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
         log.normal_force[tick] = np.einsum("ij,ij->i", scene.forces, log.normal[tick])
         if progress is not None:
             progress(tick)
-        ending, cause = _end(scene, log.position_error[tick])
+        lost = [
+            finger.tip
+            for finger, touch, share in zip(trial.fingers, touches, command.engagement, strict=True)
+            if touch is None and share > 0
+        ]
+        ending, cause = _end(scene, log.position_error[tick], lost)
         if ending is not Ending.COMPLETED:
             return log.ended(tick + 1, ending, f"at tick {tick} ({t:.3f} s) {cause}")
     return log
 
 
-def _end(scene: Scene, position_error: float) -> tuple[Ending, str]:
+def _end(scene: Scene, position_error: float, lost: list[str]) -> tuple[Ending, str]:
+    """Return whether it is over, and why; ``lost`` are the fingertips that should touch."""
     trouble = scene.trouble()
     if trouble:
         return Ending.DIVERGED, trouble
     if position_error > DROPPED:
-        return Ending.DROPPED, f"the object was {1e3 * position_error:.0f} mm off its target"
+        cause = f"the object was {1e3 * position_error:.0f} mm off its target"
+        return Ending.DROPPED, cause + (f", not in contact: {', '.join(lost)}" if lost else "")
     return Ending.COMPLETED, ""
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from graspforce._arrays import Array
 from graspforce.contact import cross
 from graspforce.errors import ModelImportError
+from graspforce.hands.mujoco_model import drives, is_plain_motor
 from graspforce.sim.engine import mj
 from graspforce.sim.trial import Finger, Trial
 
@@ -78,11 +79,19 @@ class Scene:
         self.data.qpos[:] = trial.start
         self.side = 1.0 if trial.ground is None else -1.0
         self._body = self._id("body", trial.body)
-        joints = [self._id("joint", name) for finger in trial.fingers for name in finger.joints]
-        self._motors = [self._id("actuator", name) for f in trial.fingers for name in f.joints]
+        names = [name for finger in trial.fingers for name in finger.joints]
+        joints = [self._id("joint", name) for name in names]
         self._dof: Indices = self.model.jnt_dofadr[joints].copy()
         self._qpos: Indices = self.model.jnt_qposadr[joints].copy()
-        self.tau_max: Array = self.model.actuator_ctrlrange[self._motors, 1].copy()
+        self._motors = [self._motor(joint) for joint in names]
+        self._torque_of_control = np.array(
+            [
+                self.model.actuator_gainprm[motor, 0]
+                * self.model.actuator_gear[self.model.actuator_outadr[motor], 0]
+                for motor in self._motors
+            ]
+        )
+        self.tau_max = self._limits(names)
         self.dofs: list[Indices] = []
         self.columns: list[slice] = []
         for finger in trial.fingers:
@@ -127,6 +136,36 @@ class Scene:
             return int(accessor(name).id)
         except KeyError as error:
             raise ModelImportError(f"{kind} {name!r}: not in the model; {error}") from error
+
+    def _motor(self, name: str) -> int:
+        """Return the actuator of a joint: the only one, and one that takes a torque."""
+        joint = self._id("joint", name)
+        model, kinds, types = self.model, mj.mjtTrn, mj.mjtJoint
+        if model.jnt_type[joint] not in (int(types.mjJNT_HINGE), int(types.mjJNT_SLIDE)):
+            raise ModelImportError(f"joint {name!r}: expected a hinge or a slide")
+        at_joint = np.isin(
+            model.actuator_trntype, (int(kinds.mjTRN_JOINT), int(kinds.mjTRN_JOINTINPARENT))
+        )
+        motors = np.flatnonzero(at_joint & (model.actuator_trnid[:, 0] == joint)).tolist()
+        if len(motors) != 1 or not is_plain_motor(model, motors[0]):
+            names = ", ".join(repr(model.actuator(motor).name) for motor in motors)
+            raise ModelImportError(
+                f"joint {name!r}: expected one <motor>, got {names or 'no actuator'}; the loop "
+                "commands torques, which other actuators do not take"
+            )
+        return int(motors[0])
+
+    def _limits(self, names: list[str]) -> Array:
+        """Return the torque that every joint's motor gives both ways, shape (n_joints,)."""
+        found = {drive.limit.name: drive.limit for drive in drives(self.model)[0]}
+        limits = np.array([min(-found[name].lo, found[name].hi) for name in names])
+        for name, limit in zip(names, limits, strict=True):
+            if not 0 < limit < np.inf:
+                raise ModelImportError(
+                    f"joint {name!r}: its motor's limit is {limit:g} N·m, expected a finite one "
+                    "above 0 both ways: give the motor a ctrlrange"
+                )
+        return limits
 
     def _tip(self, finger: Finger) -> int:
         tip = self._id("geom", finger.tip)
@@ -244,7 +283,7 @@ class Scene:
 
     def step(self, tau: Array) -> None:
         """Advance the physics by one step under joint torques, shape (n_joints,) [N·m]."""
-        self.data.ctrl[self._motors] = tau
+        self.data.ctrl[self._motors] = tau / self._torque_of_control
         mj.mj_step2(self.model, self.data)
         if self.trouble():
             return

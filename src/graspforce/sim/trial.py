@@ -11,10 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
-from graspforce._arrays import Array, as_positive
+from graspforce._arrays import Array, as_array, as_positive
+from graspforce.contact import FPC, Contact
 from graspforce.errors import InvalidInputError
 from graspforce.regrasp import Release, Schedule
 from graspforce.sim.disturbance import Disturbance
+from graspforce.sim.engine import mj
 from graspforce.trajectory import Motion
 
 Method: TypeAlias = Literal["wbf", "minimum_norm"]
@@ -25,7 +27,7 @@ class Finger:
     """A finger or a leg, by the names in the model.
 
     Args:
-        joints: its hinge joints, each with a motor of the same name.
+        joints: its hinges and slides, each with one <motor> that has a limit.
         tip: the geom that touches, a sphere.
     """
 
@@ -38,12 +40,21 @@ class Grip:
     """Where a finger touches.
 
     Args:
-        point: on the object's surface, in the object's frame, shape (3,) [m].
+        point: on the object's surface, in the object's frame, from its centre of mass, shape
+            (3,) [m].
         normal: unit normal into the object there, shape (3,).
+
+    Raises:
+        InvalidInputError: a wrong shape, or a normal of another length.
     """
 
     point: Array
     normal: Array
+
+    def __post_init__(self) -> None:
+        contact = Contact(self.point, self.normal, FPC())  # which checks both
+        object.__setattr__(self, "point", contact.point)
+        object.__setattr__(self, "normal", contact.normal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +124,8 @@ class Trial:
         duration: [s].
 
     Raises:
-        InvalidInputError: a number out of range, steps without c_max, as many grips as fingers.
+        InvalidInputError: no MjModel, a number out of range, a joint in two fingers, more or fewer
+            grips than fingers, steps without c_max.
     """
 
     name: str
@@ -137,6 +149,18 @@ class Trial:
     duration: float = 2.0
 
     def __post_init__(self) -> None:
+        if not isinstance(self.model, mj.MjModel):
+            raise InvalidInputError(
+                f"model: got a {type(self.model).__name__}, expected an mujoco.MjModel"
+            )
+        object.__setattr__(self, "start", as_array(self.start, "start", (self.model.nq,)))
+        joints = [name for finger in self.fingers for name in finger.joints]
+        twice = [name for name in joints if joints.count(name) > 1]
+        if twice or not joints:
+            raise InvalidInputError(
+                f"fingers: got {f'{twice[0]!r} twice' if twice else 'none'}, expected joints that "
+                "move one finger each"
+            )
         for name, unit in (("mu", ""), ("alpha", ""), ("rate", "Hz"), ("duration", "s")):
             object.__setattr__(self, name, as_positive(getattr(self, name), name, unit))
         if self.method not in ("wbf", "minimum_norm"):
