@@ -57,6 +57,10 @@ def read(
     held = _object(model, object_body)
     candidates, motor_notes = drives(model)
     moments = drive_rows(model, data, candidates)
+    if candidates and not moments.any():
+        raise InvalidInputError(
+            "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
+        )
     contacts, bodies, contact_notes = _contacts(model, data, held, moments)
     name = name_of(model, mj.mjtObj.mjOBJ_BODY, held)
     if fingertips is not None:

@@ -144,7 +144,7 @@ def as_link(name: str, argument: str, links: Sequence[str]) -> str:
     """
     if name not in links:
         raise InvalidInputError(
-            f"{argument}: got {name!r}, which the model does not have; expected one of "
+            f"{argument}: got {name!r}, which is none of the model's links; expected one of "
             f"{', '.join(links)}"
         )
     return name
