@@ -3,6 +3,7 @@
 import csv
 import dataclasses
 import importlib.metadata
+import os
 import re
 import subprocess
 import sys
@@ -138,6 +139,54 @@ def test_no_opengl_says_what_to_set_and_to_install(short, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
     with pytest.raises(sim.RenderError, match=r"MUJOCO_GL=egl.*libegl1.*MUJOCO_GL=osmesa"):
         render.Camera(*short)
+
+
+# MuJoCo looks for OpenGL's library as it is imported, and what it raises is no ImportError.
+NO_OPENGL = """
+import ctypes, ctypes.util, sys
+find, load = ctypes.util.find_library, ctypes.CDLL.__init__
+
+def find_library(name):
+    return None if "GL" in name or name == "OSMesa" else find(name)
+
+def init(self, name, *more, **options):
+    if "GL" in str(name) or "OSMesa" in str(name):
+        raise OSError(f"{name}: no such file")
+    load(self, name, *more, **options)
+
+ctypes.util.find_library, ctypes.CDLL.__init__ = find_library, init
+from graspforce import cli
+sys.argv = ["graspforce", "simulate", "hold", "--set", "duration=.02", *sys.argv[1:]]
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("setting", ["egl", "nonsense"])
+def test_a_setting_that_mujoco_cannot_follow_is_named_in_one_line(setting):
+    run = without_opengl(setting)
+    assert run.returncode == 2
+    assert f"MUJOCO_GL={setting} gives no OpenGL context" in run.stderr
+    assert "install libegl1" in run.stderr
+    assert "MUJOCO_GL=disable" in run.stderr
+    assert run.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("setting", ["", "disable"])
+def test_without_opengl_all_but_the_film_is_there(setting, tmp_path):
+    run = without_opengl(setting, "--log", tmp_path / "log.csv", "--video", tmp_path / "film.mp4")
+    assert run.returncode == 2
+    assert "held" in run.stdout
+    assert "log.csv" in run.stdout
+    assert "MUJOCO_GL=" in run.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["log.csv"]
+    assert without_opengl(setting).returncode == 0
+
+
+def without_opengl(setting, *arguments):
+    return subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", NO_OPENGL, *map(str, arguments)],
+        capture_output=True, text=True, env={**os.environ, "MUJOCO_GL": setting},
+    )  # fmt: skip
 
 
 # ---- missing extras ----------------------------------------------------------------------------
@@ -313,6 +362,7 @@ def test_rotation_vector_is_axis_times_angle():
 
 def test_settings_of_the_command_are_numbers_where_they_can_be():
     assert cli._setting("alpha=5") == ("alpha", 5)
+    assert cli._setting("alpha=.5") == ("alpha", 0.5)
     assert cli._setting("feed_forward=false") == ("feed_forward", False)
     assert cli._setting("shape=box") == ("shape", "box")
     assert cli._setting("a=b=c") == ("a", "b=c")

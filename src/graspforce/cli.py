@@ -14,7 +14,7 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -238,23 +238,20 @@ def simulate(
             sim.check_log_file(log)
         if video is not None:
             sim.check_video_file(video)
-        logs: list[SimLog] = []
+        results: list[tuple[Trial, SimLog]] = []
         with _stage_bars() as progress:
             for trial in trials:
-                logs.append(
-                    sim.run(trial, lambda tick, t=trial: progress(t.name, tick + 1, t.ticks))
-                )
-            for trial, each in zip(trials, logs, strict=True):
-                if log is not None:
-                    each.save(log)
-                if video is not None:
-                    sim.save_video(
-                        trial, each, video, lambda done, total: progress("film", done, total)
-                    )
-        _report_trials(trials, logs)
-        for path, what in ((log, "Every tick"), (video, "The film")):
-            if path is not None:
-                typer.echo(f"{what} is in {path}")
+                run = sim.run(trial, lambda tick, t=trial: progress(t.name, tick + 1, t.ticks))
+                results.append((trial, run))
+        _report_trials(results)  # before the files, which may fail to come about
+        first, run = results[0]
+        if log is not None:
+            run.save(log)
+            typer.echo(f"Every tick is in {log}")
+        if video is not None:
+            with _stage_bars() as progress:
+                sim.save_video(first, run, video, lambda done, total: progress("film", done, total))
+            typer.echo(f"The film is in {video}")
 
 
 @app.command(epilog=_examples("graspforce reproduce", "graspforce reproduce --out results"))
@@ -563,13 +560,14 @@ def _setting(text: str) -> tuple[str, Any]:
     key, found, value = text.partition("=")
     if not (key and found):
         raise InvalidInputError(f"--set: got {text!r}, expected KEY=VALUE")
-    try:
-        return key, json.loads(value)
-    except ValueError:
-        return key, value
+    readers: tuple[Callable[[str], Any], ...] = (json.loads, float)
+    for read in readers:  # JSON has true and false, but no .5
+        with suppress(ValueError):
+            return key, read(value)
+    return key, value
 
 
-def _report_trials(trials: Sequence[Trial], logs: Sequence[SimLog]) -> None:
+def _report_trials(results: Sequence[tuple[Trial, SimLog]]) -> None:
     """Print a row a trial, and below why some did not end well."""
     from rich import box
     from rich.table import Table
@@ -582,7 +580,7 @@ def _report_trials(trials: Sequence[Trial], logs: Sequence[SimLog]) -> None:
         "position\n[mm]", "rotation\n[°]", "slip\n[mm]", "torque\n[%]", "Newton\nsteps", "regrasps"
     ):  # fmt: skip
         table.add_column(Text(heading), justify="right")
-    for trial, log in zip(trials, logs, strict=True):
+    for trial, log in results:
         table.add_row(
             trial.name,
             Text(log.verdict, style="green" if log.verdict == "held" else "red"),
@@ -594,10 +592,10 @@ def _report_trials(trials: Sequence[Trial], logs: Sequence[SimLog]) -> None:
             str(log.regrasps),
         )
     console = _console()
-    for words in dict.fromkeys(trial.summary for trial in trials):
+    for words in dict.fromkeys(trial.summary for trial, _ in results):
         console.print(words)
     console.print(table)
-    for trial, log in zip(trials, logs, strict=True):
+    for trial, log in results:
         if not log.held:
             console.print(Text(f"{trial.name}: {log.ending.value} {log.message}"))
 
