@@ -424,6 +424,56 @@ def test_a_passive_finger_that_touches_nothing_is_nobodys_concern():
     assert grasp.passive_rows.shape == (0, 3)
 
 
+# ---- a gripper as a user writes it: flat pads, a palm, an arm that lifts it ---------------------
+
+PARALLEL = """<mujoco><option cone="elliptic" impratio="20"/><worldbody>
+  <body name="hand" pos="0 0 .2"><joint name="lift" type="slide" axis="0 0 1"/>
+    <geom name="palm" type="box" size=".06 .02 .01" mass=".3"/>
+    <body name="left" pos="-.0305 0 -.05"><joint name="left" type="slide" axis="1 0 0"/>
+      <geom type="box" size=".005 .01 .03" mass=".05"/></body>
+    <body name="right" pos=".0305 0 -.05"><joint name="right" type="slide" axis="-1 0 0"/>
+      <geom type="box" size=".005 .01 .03" mass=".05"/></body></body>
+  <body name="box" pos="0 0 {height}"><freejoint/>
+    <geom type="box" size=".0257 .02 .02" mass=".2"/></body></worldbody>
+  <actuator><motor joint="lift" ctrlrange="-60 60"/><position joint="left" forcerange="-20 20"/>
+    <motor joint="right" gear="10" ctrlrange="-2 2"/></actuator></mujoco>"""
+
+
+def parallel_gripper(height):
+    model = mujoco.MjModel.from_xml_string(PARALLEL.format(height=height))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+@pytest.mark.parametrize(("height", "made_by"), [(0.14, 2), (0.1701, 3)], ids=["pads", "palm"])
+def test_flat_pads_and_a_palm_that_an_arm_lifts(height, made_by):
+    model, data = parallel_gripper(height)
+    grasp = gf.Grasp.from_mujoco(model, data, "box")
+    assert grasp.joint_names == ("lift", "left", "right")
+    assert len(set(grasp.links)) == made_by
+    assert len(grasp.contacts) == 4 * made_by
+    assert grasp.tau_hi.tolist() == [60, 20, 20]
+    c = measured(data, grasp, model, "box")
+    np.testing.assert_allclose(grasp.W @ c, wrench_on(model, data, "box"), atol=1e-9)
+    joints = [model.joint(name).dofadr[0] for name in grasp.joint_names]
+    np.testing.assert_allclose(-grasp.J.T @ c, data.qfrc_constraint[joints], atol=1e-9)
+
+
+def test_its_torques_hold_the_box_whatever_the_motors_are():
+    model, data = parallel_gripper(0.14)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    start = data.body("box").xpos.copy()
+    for _ in range(300):
+        grasp = gf.Grasp.from_mujoco(model, data, "box")
+        solution = gf.solve(grasp.problem([0, 0, 0.2 * 9.81, 0, 0, 0]), check=True)
+        for joint, torque in zip(grasp.joint_names, solution.tau, strict=True):
+            data.qfrc_applied[model.joint(joint).dofadr] = torque
+        mujoco.mj_step(model, data)
+    # MuJoCo's default contacts give a little; a box that fell would be 1 m lower.
+    assert np.abs(data.body("box").xpos - start).max() < 1e-3
+
+
 # ---- limits ------------------------------------------------------------------------------------
 
 
@@ -470,6 +520,11 @@ def test_names_that_are_not_there():
     refused("fingertips: got 'tip1', expected names", model, data, "cube", fingertips="tip1")
     refused(r"fingertips: got 'tip9', .*tip1, tip2", model, data, "cube", fingertips=["tip9"])
     refused(r"tau_max: got a limit for 'knee'", model, data, "cube", tau_max={"knee": 1})
+
+
+def test_data_that_nothing_has_computed():
+    model, _ = scene()
+    refused("data: nothing is computed in it yet", model, mujoco.MjData(model), "cube")
 
 
 def test_an_object_that_cannot_move():

@@ -131,14 +131,16 @@ def _add_bulb(spec: Any, mu: float, thread_torque: float) -> None:
         name="globe", type=mj.mjtGeom.mjGEOM_SPHERE, size=(RADIUS, 0, 0), mass=MASS, rgba=glass,
         **parts.grip_surface(mu), **parts.touching("object"),
     )  # fmt: skip
+    # What no finger touches is a body of its own: pictures leave it as opaque as it is here.
+    base = body.add_body(name="base")
     cylinder = mj.mjtGeom.mjGEOM_CYLINDER
     for low, high, radius, rgba in ((0.02, 0.045, 0.018, glass), (0.045, 0.068, 0.013, brass)):
-        body.add_geom(
+        base.add_geom(
             type=cylinder, fromto=(0, 0, low, 0, 0, high), size=(radius, 0, 0), mass=0, rgba=rgba,
             **parts.touching("nothing"),
         )  # fmt: skip
     # A stripe, so that the turning is seen.
-    body.add_geom(
+    base.add_geom(
         type=mj.mjtGeom.mjGEOM_CAPSULE, fromto=(0.0185, 0, 0.026, 0.0185, 0, 0.043),
         size=(0.0012, 0, 0), mass=0, rgba=parts.DARK, **parts.touching("nothing"),
     )  # fmt: skip
