@@ -49,7 +49,10 @@ def rows(table):
 # ---- help and version --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", [[], ["solve"], ["scenario"], ["compare"]])
+COMMANDS = ("solve", "scenario", "simulate", "reproduce", "bench", "compare")
+
+
+@pytest.mark.parametrize("command", [[], *([each] for each in COMMANDS)])
 def test_help_has_examples(command):
     done = run(*command, "--help")
     assert done.returncode == 0
@@ -57,9 +60,12 @@ def test_help_has_examples(command):
     assert re.search(r"Examples:\n +graspforce \w+ \S+", done.stdout)
 
 
-def test_help_names_every_scenario():
-    help_text = run("scenario", "--help").stdout
-    assert all(name in help_text for name in gf.scenarios.NAMES)
+def test_help_names_every_command_scenario_and_scene():
+    listed = re.findall(r"^  (\w+) {2,}", run("--help").stdout.partition("Commands:")[2], re.M)
+    assert tuple(listed) == COMMANDS
+    for command, names in (("scenario", gf.scenarios.NAMES), ("simulate", gf.sim.NAMES)):
+        help_text = run(command, "--help").stdout
+        assert all(name in help_text for name in names)
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 import graspforce as gf
 from graspforce import cli, sim
+from graspforce.cli import simulate as simulate_command
 from graspforce.sim import motions, render
 from graspforce.sim.controller import rotation_vector, swing_point
 from graspforce.sim.scenes.bulb import bulb
@@ -361,11 +362,11 @@ def test_rotation_vector_is_axis_times_angle():
 
 
 def test_settings_of_the_command_are_numbers_where_they_can_be():
-    assert cli._setting("alpha=5") == ("alpha", 5)
-    assert cli._setting("alpha=.5") == ("alpha", 0.5)
-    assert cli._setting("feed_forward=false") == ("feed_forward", False)
-    assert cli._setting("shape=box") == ("shape", "box")
-    assert cli._setting("a=b=c") == ("a", "b=c")
+    assert simulate_command._setting("alpha=5") == ("alpha", 5)
+    assert simulate_command._setting("alpha=.5") == ("alpha", 0.5)
+    assert simulate_command._setting("feed_forward=false") == ("feed_forward", False)
+    assert simulate_command._setting("shape=box") == ("shape", "box")
+    assert simulate_command._setting("a=b=c") == ("a", "b=c")
 
 
 def test_the_snippet_of_the_docs_runs(tmp_path, monkeypatch, capsys, opengl):

@@ -1,0 +1,84 @@
+"""``graspforce scenario``: a scenario of the paper, tick by tick."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from graspforce.cli.terminal import counts, one_line_errors, progress_bar, stdout_console
+from graspforce.errors import InvalidInputError
+from graspforce.outcome import Status
+
+if TYPE_CHECKING:
+    from graspforce.scenarios import Log
+
+EXAMPLES = (
+    "graspforce scenario dynamic",
+    "graspforce scenario static --alpha 100 --out light.csv",
+    "graspforce scenario regrasp --out results/regrasp.csv",
+)
+
+
+def scenario(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="static, dynamic or regrasp.")],
+    alpha: Annotated[
+        float | None,
+        typer.Option(help="Weight of the limits: small is firm, large is light.  [default: 5]"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="The CSV to write; replaces a file.  [default: NAME.csv in the current "
+            "directory, which must not exist]"
+        ),
+    ] = None,
+) -> None:
+    """Run a scenario of the paper and write every tick to a CSV.
+
+    Each holds the cube of Section IV with the paper's hand for 2 s at 250 Hz: at rest (static),
+    round a circle (dynamic), round the circle with one finger away for a while (regrasp).
+    """
+    with one_line_errors():
+        from graspforce import files, scenarios
+
+        chosen = scenarios.get(name, **({} if alpha is None else {"alpha": alpha}))
+        path = out or Path(f"{name}.csv")
+        files.check_output(path, (".csv",))
+        if out is None and path.exists():
+            raise InvalidInputError(f"{path}: exists already; name it with --out to replace it")
+        with progress_bar(len(chosen.times), name) as advance:
+            log = scenarios.run(chosen, progress=advance)
+        with files.replacing(path) as temporary:
+            log.write_csv(temporary)
+        _report_log(log)
+        typer.echo(f"Every tick is in {path}")
+
+
+def _report_log(log: Log) -> None:
+    """Print what a scenario's solved ticks have in common, and the counts."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("")
+    table.add_column("least", justify="right", overflow="fold")
+    table.add_column("most", justify="right", overflow="fold")
+    solved = log.status == Status.SOLVED
+    for what, values in (
+        ("normal force [N]", log.normal_forces),
+        ("largest joint torque [N·m]", log.max_torque),
+        ("friction residual r_f [N²]", log.friction_residual),
+        ("torque residual r_tau [N·m]", log.torque_residual),
+        ("Newton steps", log.newton_steps),
+    ):
+        kept = values[solved]
+        ends = [f"{kept.min():.4g}", f"{kept.max():.4g}"] if kept.size else ["–", "–"]
+        table.add_row(what, *ends)
+    console = stdout_console()
+    console.print(f"{log.scenario.name}: {log.scenario.summary}")
+    console.print(table)
+    one = int((log.newton_steps[solved] == 1).sum())
+    ticks = counts("tick", (Status(each) for each in log.status))
+    console.print(f"{ticks}; {one} in one Newton step")

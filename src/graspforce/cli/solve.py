@@ -1,0 +1,155 @@
+"""``graspforce solve``: the grasps in a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from graspforce.cli.terminal import (
+    counts,
+    one_line_errors,
+    printable,
+    progress_bar,
+    stdout_console,
+    words,
+)
+from graspforce.errors import InvalidInputError
+from graspforce.outcome import Status
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from graspforce.files import NamedProblem, NamedSolution
+
+
+# Grasps without an answer whose message is printed below the table; all are in --out.
+MESSAGES = 5
+
+EXAMPLES = (
+    "graspforce solve examples/nose_cone.json",
+    "graspforce solve examples/several_grasps.json --out forces.json",
+    "graspforce solve grasps.npz --alpha 1 --out forces.npz",
+    "graspforce solve grasps.npz --c-max 20 --out forces.csv",
+)
+
+
+def solve(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="Grasps: .json or .npz, see docs/file_formats.md."),
+    ],
+    alpha: Annotated[
+        float | None,
+        typer.Option(help="Weight of the limits for every grasp: small is firm, large is light."),
+    ] = None,
+    c_max: Annotated[
+        float | None, typer.Option(help="Ceiling of every normal force of every grasp [N].")
+    ] = None,
+    tol: Annotated[float, typer.Option(help="Certified bound on decrement²/2 at the end.")] = 1e-9,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write everything to this .json, .npz or .csv; replaces a file."),
+    ] = None,
+) -> None:
+    """Solve the grasps in FILE.
+
+    The table shows, for each grasp that is solved, the largest normal force, the smallest
+    distance to slipping, mu n − |tangential force|, the smallest distance of a joint torque to
+    its limit, and the Newton steps. Infeasible grasps are listed as such, and are no error.
+    """
+    with one_line_errors():
+        from graspforce import _arrays, files
+        from graspforce.settings import Settings
+        from graspforce.solve import solve as solve_problem
+
+        given = {"alpha": alpha, "c_max": c_max}
+        changes = {
+            key: _arrays.as_positive(value, "--" + key.replace("_", "-"))
+            for key, value in given.items()
+            if value is not None
+        }
+        settings = Settings(tol=tol)
+        if out is not None:
+            files.check_output(out)
+            if out.resolve() == file.resolve():
+                raise InvalidInputError(f"--out: got {out}, the file of grasps itself")
+        grasps = _changed(files.read(file), changes, file)
+        results: list[NamedSolution] = []
+        with progress_bar(len(grasps), "solving") as advance:
+            for index, (name, problem) in enumerate(grasps):
+                results.append(files.NamedSolution(name, solve_problem(problem, settings)))
+                advance(index)
+        try:
+            if out is not None:
+                files.write(out, results)
+        finally:
+            _report(results)
+        unused = files.unused_keys(file)
+        if unused:
+            typer.echo(f"Keys of {file} that were not read: {', '.join(unused)}")
+        if out is not None:
+            typer.echo(f"Everything about them is in {out}")
+
+
+def _changed(
+    grasps: list[NamedProblem], changes: dict[str, float], file: Path
+) -> list[NamedProblem]:
+    """Return the grasps with the options of the command line in place of the file's."""
+    from graspforce.files import NamedProblem
+    from graspforce.files.named import place
+
+    if not changes:
+        return grasps
+    changed: list[NamedProblem] = []
+    for index, (name, problem) in enumerate(grasps):
+        with place(f"{file}: grasp {index} {name!r}"):
+            changed.append(NamedProblem(name, problem.replace(**changes)))
+    return changed
+
+
+def _report(results: list[NamedSolution]) -> None:
+    """Print the table, the messages of grasps without an answer, and the counts."""
+    from rich.text import Text
+
+    console = stdout_console()
+    console.print(_table(results))
+    failed = [
+        (name, solution) for name, solution in results if solution.status is not Status.SOLVED
+    ]
+    for name, solution in failed[:MESSAGES]:
+        console.print(Text(f"{printable(name)}: {solution.message}"))
+    if len(failed) > MESSAGES:
+        console.print(f"… and {len(failed) - MESSAGES} more without an answer")
+    console.print(counts("grasp", (solution.status for _, solution in results)))
+
+
+def _table(results: list[NamedSolution]) -> Table:
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.add_column("#", justify="right")
+    table.add_column("grasp", overflow="fold")
+    table.add_column("status", no_wrap=True)
+    for heading in ("largest\nnormal\n[N]", "slip\nmargin\n[N]", "torque\nmargin\n[N·m]", "steps"):
+        table.add_column(Text(heading), justify="right", overflow="fold")
+    for index, (name, solution) in enumerate(results):
+        solved = solution.status is Status.SOLVED
+        numbers = ["–", "–", "–"]
+        if solved:
+            numbers = [
+                f"{solution.normal_forces.max():.4g}",
+                f"{solution.friction_margins.min():.4g}",
+                f"{solution.torque_residual:.4g}" if solution.problem.layout.joints else "–",
+            ]
+        table.add_row(
+            str(index),
+            Text(printable(name)),
+            Text(words(solution.status), style="green" if solved else "red"),
+            *numbers,
+            str(solution.newton_steps),
+        )
+    return table
