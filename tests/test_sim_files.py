@@ -102,6 +102,15 @@ def test_a_dropped_object_ends_it():
     assert "mm off its target" in log.message
 
 
+def test_an_object_that_is_spun_round_is_lost_too():
+    (trial,) = sim.get("hold", duration=0.1)
+    start = trial.start.copy()
+    start[15:19] = 0, 0, 0, 1  # half a turn about z, which leaves the sides where they were
+    log = sim.run(dataclasses.replace(trial, start=start))
+    assert log.ending is sim.Ending.DROPPED
+    assert log.message == "at tick 0 (0.000 s) the object was turned 174° off its target"
+
+
 # ---- pictures ----------------------------------------------------------------------------------
 
 

@@ -158,7 +158,7 @@ class Contact:
         tangent: ArrayLike | None = None,
     ) -> None:
         unit = _unit(as_array(normal, "normal", (3,)))
-        along = _any_tangent(unit) if tangent is None else as_array(tangent, "tangent", (3,))
+        along = any_tangent(unit) if tangent is None else as_array(tangent, "tangent", (3,))
         size = math.hypot(*along)
         flat = along / size if size else along
         for _ in range(2):  # once more for what cancellation has left of the normal
@@ -222,6 +222,6 @@ def _unit(normal: Array) -> Array:
     return normal / length
 
 
-def _any_tangent(normal: Array) -> Array:
+def any_tangent(normal: Array) -> Array:
     """Return the coordinate axis farthest from the normal, for the caller to project."""
     return np.eye(3)[int(np.argmin(np.abs(normal)))]

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce.contact import PCWF, Contact, cross
+from graspforce.contact import PCWF, Contact, any_tangent, cross
 from graspforce.grasp_map import grasp_map
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
@@ -84,7 +84,7 @@ class Controller:
         # In the object's frame: where each finger touches or last did, and the roll of its frame.
         self._points = [grip.point for grip in trial.grips]
         self._normals = [grip.normal for grip in trial.grips]
-        self._tangents = [_across(grip.normal) for grip in trial.grips]
+        self._tangents = [any_tangent(grip.normal) for grip in trial.grips]
         self._servo: Servo | MinimumNorm | None = None
         self._c = np.zeros(3 * len(trial.fingers))
 
@@ -147,7 +147,7 @@ class Controller:
                 self._points[i] = R.T @ (touch.point - pose.position)
                 self._normals[i] = R.T @ touch.normal
                 if is_removed(engagement[i]):  # a new hold: the frame's roll is free again
-                    self._tangents[i] = _across(self._normals[i])
+                    self._tangents[i] = any_tangent(self._normals[i])
             point = pose.position + R @ self._points[i]
             contacts.append(Contact(point, R @ self._normals[i], model, R @ self._tangents[i]))
         return tuple(contacts)
@@ -290,8 +290,3 @@ def _point_acceleration(acceleration: Array, pose: Pose, point: Array) -> Array:
     """Return the acceleration of the object's material at a point, shape (3,) [m/s²]."""
     arm, omega = point - pose.position, pose.angular_velocity
     return acceleration[:3] + cross(acceleration[3:], arm) + cross(omega, cross(omega, arm))
-
-
-def _across(normal: Array) -> Array:
-    """Return the coordinate axis farthest from the normal."""
-    return np.eye(3)[int(np.argmin(np.abs(normal)))]

@@ -15,8 +15,9 @@ from graspforce.sim.scene import Pose, Scene, Touch
 from graspforce.sim.trial import Trial
 from graspforce.trajectory import State
 
-# Farther from its target than this, the object counts as dropped [m].
-DROPPED = 0.05
+# Farther from its target than this, or turned off it by more, the object counts as dropped.
+DROPPED = 0.05  # [m]
+TURNED = np.radians(45.0)
 
 
 def run(trial: Trial, progress: Callable[[int], None] | None = None) -> Log:
@@ -61,21 +62,26 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
             for finger, touch, share in zip(trial.fingers, touches, command.engagement, strict=True)
             if touch is None and share > 0
         ]
-        ending, cause = _end(scene, log.position_error[tick], lost)
+        ending, cause = _end(scene, log.position_error[tick], log.rotation_error[tick], lost)
         if ending is not Ending.COMPLETED:
             return log.ended(tick + 1, ending, f"at tick {tick} ({t:.3f} s) {cause}")
     return log
 
 
-def _end(scene: Scene, position_error: float, lost: list[str]) -> tuple[Ending, str]:
+def _end(
+    scene: Scene, position_error: float, rotation_error: float, lost: list[str]
+) -> tuple[Ending, str]:
     """Return whether it is over, and why; ``lost`` are the fingertips that should touch."""
     trouble = scene.trouble()
     if trouble:
         return Ending.DIVERGED, trouble
     if position_error > DROPPED:
         cause = f"the object was {1e3 * position_error:.0f} mm off its target"
-        return Ending.DROPPED, cause + (f", not in contact: {', '.join(lost)}" if lost else "")
-    return Ending.COMPLETED, ""
+    elif rotation_error > TURNED:
+        cause = f"the object was turned {np.degrees(rotation_error):.0f}° off its target"
+    else:
+        return Ending.COMPLETED, ""
+    return Ending.DROPPED, cause + (f", not in contact: {', '.join(lost)}" if lost else "")
 
 
 class _World:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
+from graspforce.contact import FPC, Contact
 from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.files import check_output, replacing
 from graspforce.hands.mujoco_model import no_opengl
@@ -107,12 +108,10 @@ class Camera:
         point, normal = self._log.point[tick, finger], self._log.normal[tick, finger]
         force = self._log.force[tick, finger]
         length = 0.3 * _size(self._trial)
-        x = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-        x = x / np.linalg.norm(x)
-        y = np.cross(normal, x)
         angles = np.linspace(0, 2 * math.pi, _FACETS + 1)
-        rim = length * self._trial.mu * (np.outer(np.cos(angles), x) + np.outer(np.sin(angles), y))
-        rim = rim + length * normal
+        circle = self._trial.mu * np.array([np.cos(angles), np.sin(angles)])
+        frame = Contact(point, normal, FPC()).frame
+        rim = length * (frame @ np.vstack((np.ones(_FACETS + 1), circle))).T
         for one, other in pairwise(rim):
             self._triangle(point, one, other)
         if np.linalg.norm(force) * self._length > 1e-3 * length:
