@@ -51,7 +51,7 @@ def test_a_trial_of_two_seconds_is_quick():
 
 def test_feed_forward_is_worth_it(logs):
     with_it, without = logs["circle"][1], logs["circle without feed-forward"][1]
-    assert with_it.position_error.max() < without.position_error.max() / 3
+    assert with_it.position_error.max() < without.position_error.max() / 6
 
 
 def test_the_physics_gives_the_forces_that_were_asked_for(logs):
