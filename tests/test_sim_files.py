@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rich.console
 from typer.testing import CliRunner
 
 import graspforce as gf
@@ -289,6 +290,19 @@ def test_simulate_prints_a_table_and_writes_the_log(tmp_path):
     assert "held" in out.output
     with np.load(tmp_path / "l.npz") as data:
         assert len(data["t"]) == 50
+
+
+def test_a_narrow_terminal_loses_no_heading(short, capsys, monkeypatch):
+    trial, log = short
+    console = rich.console.Console(width=80, highlight=False)
+    monkeypatch.setattr(simulate_command, "stdout_console", lambda: console)
+    long = dataclasses.replace(trial, name="cylinder, little finger down")
+    slid = dataclasses.replace(log, slip=np.full_like(log.slip, 2e-3))
+    simulate_command._report_trials([(long, slid)])
+    printed = capsys.readouterr().out
+    assert "…" not in printed
+    for words in ("position", "rotation", "regrasps", "held, but slipped", "2.000"):
+        assert words in printed
 
 
 @pytest.mark.usefixtures("opengl")

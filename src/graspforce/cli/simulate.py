@@ -100,12 +100,12 @@ def _report_trials(results: Sequence[tuple[Trial, Log]]) -> None:
     from rich.text import Text
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    table.add_column("trial", no_wrap=True)
+    table.add_column("trial", overflow="fold")
     table.add_column("ending", no_wrap=True)
     for heading in (
         "position\n[mm]", "rotation\n[°]", "slip\n[mm]", "torque\n[%]", "Newton\nsteps", "regrasps"
     ):  # fmt: skip
-        table.add_column(Text(heading), justify="right")
+        table.add_column(Text(heading), justify="right", no_wrap=True)
     for trial, log in results:
         table.add_row(
             trial.name,
