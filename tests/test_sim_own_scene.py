@@ -170,6 +170,22 @@ def test_an_object_out_of_reach_is_dropped_and_the_fingers_named(run):
     assert len(log.t) == 1
 
 
+def test_two_points_that_cannot_twist_an_object_say_so(run):
+    """Two point contacts give no torque about the line between them, and the law asks for some."""
+    trial, _ = run
+    noise = sim.Disturbance(angle_noise=0.01)
+    log = sim.run(
+        dataclasses.replace(trial, fingers=trial.fingers[:2], grips=trial.grips[:2],
+                            disturbance=noise)
+    )  # fmt: skip
+    assert log.ending is sim.Ending.DROPPED
+    assert np.all(log.status == gf.Status.WRENCH_UNREACHABLE)
+    assert log.message.endswith(
+        "; tick 0 was the first without forces: the wrench is outside the range of W: these "
+        "contacts cannot make it, whatever their forces"
+    )
+
+
 def test_divergence_is_seen_with_mujocos_reset_switched_on(run):
     """MuJoCo starts a diverged simulation again from its first pose unless it is told not to."""
     trial, _ = run

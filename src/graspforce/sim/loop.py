@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from graspforce._arrays import Array
+from graspforce.outcome import Status
 from graspforce.sim.controller import Command, Controller, rotation_vector
 from graspforce.sim.engine import mj, quiet
 from graspforce.sim.log import Ending, Log
@@ -41,9 +42,12 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
     log = Log.blank(trial.ticks, trial.model.nq, len(trial.fingers), scene.tau_max)
     slip = np.zeros(len(trial.fingers))
     pose, touches = scene.pose(), scene.touches()
+    refusal = ""  # the first tick without forces, and why: often what began it
     for tick in range(trial.ticks):
         t = tick / trial.rate
         command = controller.step(t, *world.measured(pose, touches))
+        if command.solution.status is not Status.SOLVED and not refusal:
+            refusal = f"; tick {tick} was the first without forces: {command.solution.message}"
         tau = world.delayed(command.tau)
         _write(log, tick, t, trial.motion.at(t), pose, touches, command, slip, scene)
         for _ in range(trial.substeps):
@@ -64,7 +68,7 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
         ]
         ending, cause = _end(scene, log.position_error[tick], log.rotation_error[tick], lost)
         if ending is not Ending.COMPLETED:
-            return log.ended(tick + 1, ending, f"at tick {tick} ({t:.3f} s) {cause}")
+            return log.ended(tick + 1, ending, f"at tick {tick} ({t:.3f} s) {cause}{refusal}")
     return log
 
 
