@@ -24,18 +24,21 @@ class Barrier {
  public:
   explicit Barrier(const Blocks& blocks)
       : blocks_(blocks),
+        arena_(blocks.layout().components() *
+               (4 + largest_block(blocks.layout()) + blocks.layout().wrench_rows)),
         schur_(blocks.layout().wrench_rows),
         nu_(blocks.layout().wrench_rows),
-        last_nu_(nu_) {}
+        last_nu_(nu_) {
+    work_.reserve(blocks.layout().contacts());
+  }
 
-  // Makes the vectors that are kept by block; needed after Blocks::allot.
+  // Makes the vectors that are kept by block; needed after Blocks::allot. Does not allocate.
   void allot() {
     const std::size_t k = blocks_.layout().wrench_rows;
     std::size_t total = 0;
     for (const Part& part : blocks_.parts()) total += part.q * (4 + part.q + k);
     arena_.reset(total);
     work_.clear();
-    work_.reserve(blocks_.layout().contacts());
     for (const Part& part : blocks_.parts()) {
       const std::size_t q = part.q;
       work_.push_back({arena_.take(q), arena_.take(q), arena_.take(q), arena_.take(q),

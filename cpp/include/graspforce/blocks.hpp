@@ -20,6 +20,8 @@ namespace graspforce {
 // Hands out pieces of one allocation.
 class Arena {
  public:
+  // Room for `count` numbers, whose memory is not touched before they are asked for.
+  explicit Arena(std::size_t count) { storage_.reserve(count); }
   void reset(std::size_t count) {
     storage_.assign(count, 0.0);
     next_ = storage_.data();
@@ -56,19 +58,21 @@ struct Part {
 
 class Blocks {
  public:
-  explicit Blocks(const Layout& layout) : layout_(layout), k_(layout.wrench_rows) {
-    rows_in_use_.resize(k_);
-    f_.resize(k_);
+  explicit Blocks(const Layout& layout)
+      : layout_(layout),
+        k_(layout.wrench_rows),
+        rows_in_use_(k_),
+        f_(k_),
+        tips_(layout.contacts()),
+        arena_(most_numbers(layout)) {
+    parts_.reserve(layout.contacts());
   }
 
-  // Makes room for the blocks of a structure; needed whenever it has been found anew. Once it was
-  // called with every contact in the grasp, leaving some out does not allocate.
+  // Shares the room out to the blocks of a structure; needed whenever it has been found anew.
   void allot(const Structure& structure) {
     parts_.clear();
-    parts_.reserve(layout_.contacts());
-    tips_.resize(layout_.contacts());
     const std::size_t k = layout_.wrench_rows;
-    std::size_t total = structure.unattached() * (layout_.components() + std::size_t(3));
+    std::size_t total = 0;
     for (const Block& block : structure.blocks())
       total += block.components.size() * k + count_rows(block) * (block.components.size() + 3);
     arena_.reset(total);
@@ -139,6 +143,13 @@ class Blocks {
   }
 
  private:
+  // What `allot` takes for any structure.
+  static std::size_t most_numbers(const Layout& layout) {
+    const std::size_t rows = layout.joints + layout.inequalities + layout.contacts();
+    return std::size_t(layout.components()) * layout.wrench_rows +
+           rows * (largest_block(layout) + 3);
+  }
+
   std::size_t count_rows(const Block& block) const {
     const bool boxed = layout_.ceilings || layout_.floors;
     return block.joints.size() + block.inequalities.size() + (boxed ? block.contacts.size() : 0);

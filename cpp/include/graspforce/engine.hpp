@@ -1,8 +1,8 @@
 // A solver for one layout: a cold solve, and a servo tick from the ticks before.
 //
-// Set up with the first problem; after that neither solve nor tick allocates, whatever contacts
-// leave the grasp and come back, unless joints or inequalities come to tie contacts together that
-// they did not tie before. Nothing here throws or prints.
+// The constructor makes room for whatever a problem of the layout can need: every contact in the
+// grasp and all of them tied together by joints or inequalities. After it neither solve nor tick
+// allocates. Nothing here throws or prints.
 #pragma once
 
 #include <algorithm>
@@ -187,15 +187,9 @@ class Engine {
     result_.elapsed_us = budget.elapsed_us();
   }
 
-  // Finds the blocks anew. The first time room is made for every contact, so that none is needed
-  // when some leave and come back.
+  // Finds the blocks anew.
   void rearrange(const Problem& problem) {
-    if (!arranged_) allot(problem, true);
-    arranged_ = true;
-    allot(problem, false);
-  }
-  void allot(const Problem& problem, bool everyone) {
-    structure_.find(problem, everyone);
+    structure_.find(problem);
     blocks_.allot(structure_);
     barrier_.allot();
     primal_dual_.allot();
@@ -397,7 +391,7 @@ class Engine {
   Kernels kernels_ = Kernels::General;
   Result result_;
   double wrench_error_ = kInfinity;  // of the best force inside the limits that is known
-  bool arranged_ = false, rank_known_ = false, was_deficient_ = false, unreachable_ = false;
+  bool rank_known_ = false, was_deficient_ = false, unreachable_ = false;
 };
 
 }  // namespace graspforce

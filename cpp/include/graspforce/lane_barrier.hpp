@@ -21,7 +21,13 @@ namespace graspforce {
 template <int Q, bool single>
 class LaneBarrier {
  public:
-  explicit LaneBarrier(const Layout& layout) : layout_(layout) {}
+  explicit LaneBarrier(const Layout& layout) : layout_(layout) {
+    if (layout.wrench_rows > kWrench) return;  // never fits
+    if (!single) groups_.resize((layout.contacts() + kLanes - 1) / kLanes);
+    const int rows = layout.joints + layout.inequalities;
+    only_.rows.reserve(rows);
+    for (Group& group : groups_) group.rows.reserve(rows);
+  }
 
   // Whether the kernels fit a structure.
   static bool fits(const Layout& layout, const Structure& structure) {
@@ -32,23 +38,15 @@ class LaneBarrier {
     return true;
   }
 
-  // Sorts the contacts into groups. Once it was called with every contact in the grasp, leaving
-  // some out does not allocate.
+  // Sorts the contacts into groups. Does not allocate.
   void allot(const Structure& structure) {
     const std::vector<Block>& blocks = structure.blocks();
     members_ = static_cast<int>(blocks.size());
     const int groups = (members_ + kLanes - 1) / kLanes;
-    if (!single && groups_.size() < std::size_t(groups)) groups_.resize(groups);
     end_ = groups_.data() + groups;
-    int joints = 0, inequalities = 0;
-    for (const Block& block : blocks) {
-      joints = std::max(joints, block.joints.size());
-      inequalities = std::max(inequalities, block.inequalities.size());
-    }
     for (Group& group : *this) {
       const int first = static_cast<int>(&group - begin()) * kLanes;
       group.clear(std::min(kLanes, members_ - first));
-      group.rows.reserve(joints + inequalities + structure.unattached());
       for (int l = 0; l < group.members; ++l)
         group.two_sided = std::max(group.two_sided, blocks[first + l].joints.size());
       for (int l = 0; l < kLanes; ++l)

@@ -52,6 +52,12 @@ inline int limit_count(const Layout& layout) {
          layout.contacts() * (int(layout.ceilings) + int(layout.floors));
 }
 
+// Components of the largest block that the contacts may ever form: joints and inequalities can come
+// to tie all of them into one; without any, each stays by itself.
+inline std::size_t largest_block(const Layout& layout) {
+  return layout.joints + layout.inequalities > 0 ? layout.components() : 4;
+}
+
 // Where the fields start in the buffer; W is the first. `size` is the whole, in doubles.
 struct Offsets {
   std::size_t f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, A, b, mu, gamma, alpha,

@@ -40,23 +40,26 @@ class PrimalDual {
  public:
   explicit PrimalDual(const Blocks& blocks)
       : blocks_(blocks),
+        sides_(2 * std::size_t(blocks.layout().joints + blocks.layout().inequalities +
+                               blocks.layout().contacts())),
+        cones_(blocks.layout().contacts()),
+        arena_(blocks.layout().components() *
+               (7 + largest_block(blocks.layout()) + blocks.layout().wrench_rows)),
         schur_(blocks.layout().wrench_rows),
         nu_(blocks.layout().wrench_rows),
         aim_(nu_),
         center_(nu_),
-        bend_(nu_) {}
+        bend_(nu_) {
+    work_.reserve(blocks.layout().contacts());
+  }
 
-  // Makes the vectors that are kept by block; needed after Blocks::allot.
+  // Makes the vectors that are kept by block; needed after Blocks::allot. Does not allocate.
   void allot() {
     const std::size_t k = blocks_.layout().wrench_rows;
     std::size_t total = 0;
     for (const Part& part : blocks_.parts()) total += part.q * (7 + part.q + k);
     arena_.reset(total);
-    const Layout& layout = blocks_.layout();
-    cones_.resize(layout.contacts());
-    sides_.resize(2 * std::size_t(layout.joints + layout.inequalities + layout.contacts()));
     work_.clear();
-    work_.reserve(layout.contacts());
     Side* sides = sides_.data();
     Lifted* cones = cones_.data();
     for (const Part& part : blocks_.parts()) {

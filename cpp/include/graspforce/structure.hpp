@@ -12,24 +12,9 @@
 #include <vector>
 
 #include "graspforce/layout.hpp"
+#include "graspforce/span.hpp"
 
 namespace graspforce {
-
-// A piece of a longer list.
-template <class T>
-class Span {
- public:
-  Span() = default;
-  Span(T* first, int size) : first_(first), size_(size) {}
-  T* begin() const { return first_; }
-  T* end() const { return first_ + size_; }
-  int size() const { return size_; }
-  T& operator[](int i) const { return first_[i]; }
-
- private:
-  T* first_ = nullptr;
-  int size_ = 0;
-};
 
 using Indices = Span<const int>;
 
@@ -133,10 +118,10 @@ class Structure {
     return all_in_grasp_ || !(changed & (kChangedJacobian | kChangedRest)) || same_limits_count(p);
   }
 
-  // Finds the blocks; with `everyone`, as if every contact were in the grasp. Does not allocate.
-  void find(const Problem& p, bool everyone = false) {
+  // Finds the blocks. Does not allocate.
+  void find(const Problem& p) {
     const int n = layout_.contacts(), m = layout_.components();
-    auto takes_part = [&](int contact) { return everyone || p.in_grasp(contact); };
+    auto takes_part = [&](int contact) { return p.in_grasp(contact); };
     std::iota(parent_.begin(), parent_.end(), 0);
     for (int j = 0; j < layout_.joints; ++j)
       block_of_joint_[j] =
@@ -157,10 +142,8 @@ class Structure {
           root == i ? static_cast<int>(blocks_.size()) - 1 : block_of_contact_[root];
     }
     // From the first contact that a limit touches to its block.
-    unattached_ = 0;
     auto settle = [&](std::vector<int>& block_of) {
       for (int& first : block_of) {
-        unattached_ += first == kNoContact;
         first = blocks_.empty() || first == kNone ? kNone
                 : first == kNoContact             ? 0
                                                   : block_of_contact_[first];
@@ -183,9 +166,6 @@ class Structure {
     outside_A_.find(layout_.inequalities, m,
                     [&](int r, int c) { return outside(block_of(c), block_of_inequality_[r]); });
   }
-
-  // Limits that touch no contact at all.
-  int unattached() const { return unattached_; }
 
  private:
   static constexpr int kNone = -1;
@@ -253,7 +233,6 @@ class Structure {
   std::vector<int> contacts_, components_, joints_, inequalities_;  // the blocks' lists
   std::vector<int> ends_;
   std::vector<Block> blocks_;
-  int unattached_ = 0;
   bool all_in_grasp_ = true;
   Zeros outside_J_, outside_A_;
 };
