@@ -5,10 +5,9 @@
 #include <nanobind/stl/vector.h>
 
 #include <array>
-#include <cstdint>
-#include <cstring>
 #include <stdexcept>
 
+#include "graspforce/validity.hpp"
 #include "outcome.hpp"
 
 namespace graspforce {
@@ -150,20 +149,6 @@ class Servo {
     return copy_finite(numbers_.data(), next_->data(), numbers_.size());
   }
 
-  static bool copy_finite(const double* from, double* to, std::size_t count) {
-    // In whole numbers, which may be compared in any order: a chain of sums would be the slowest
-    // part of a tick. All bits of the exponent set means infinite or not a number.
-    constexpr std::uint64_t kExponent = std::uint64_t{0x7ff} << 52;
-    std::uint64_t infected = 0;
-    for (std::size_t i = 0; i < count; ++i) {
-      std::uint64_t bits;
-      std::memcpy(&bits, from + i, sizeof bits);
-      std::memcpy(to + i, &bits, sizeof bits);
-      infected |= (bits & kExponent) == kExponent;
-    }
-    return infected == 0;
-  }
-
   // Copies an array into its field of the next problem; false unless it is a C-contiguous array of
   // finite float64 numbers in the field's exact shape. By NumPy's own interface: the general ones
   // take longer than the Newton step.
@@ -181,32 +166,13 @@ class Servo {
     return shape[0] == slot.rows && (axes == 1 || shape[1] == slot.columns);
   }
 
-  bool differ(std::size_t begin, std::size_t end) const {
-    return std::memcmp(now_->data() + begin, next_->data() + begin, (end - begin) * sizeof(double));
-  }
-
   // Finds what differs from the last tick.
-  void compare() {
-    changed_ = (differ(0, at_.f) ? kChangedMap : 0u) |
-               (differ(at_.J, at_.tau_lo) ? kChangedJacobian : 0u) |
-               (differ(at_.tau_lo, at_.size) ? kChangedRest : 0u);
-  }
+  void compare() { changed_ = find_changes(at_, now_->data(), next_->data()); }
 
   // The value checks of ForceProblem that what differs could fail.
   bool plausible() const {
-    if (!(changed_ & kChangedRest)) return true;
-    const Layout& layout = engine_.layout();
-    const Problem p(at_, next_->data());
-    bool fine = *p.alpha > 0;
-    for (int j = 0; j < layout.joints; ++j) fine &= p.tau_lo[j] < p.tau_hi[j];
-    for (int i = 0; i < layout.contacts(); ++i) {
-      fine &= p.engagement[i] >= 0 && p.engagement[i] <= 1;
-      fine &= layout.ceilings || p.engagement[i] == 1;
-      if (layout.ceilings) fine &= p.c_max[i] > 0;
-      if (layout.floors) fine &= p.c_min[i] >= 0;
-      if (layout.ceilings && layout.floors) fine &= p.c_min[i] < p.c_max[i];
-    }
-    return fine;
+    return !(changed_ & kChangedRest) ||
+           find_flaw(engine_.layout(), Problem(at_, next_->data())) == nullptr;
   }
 
   // Solves the next problem, which is fine.

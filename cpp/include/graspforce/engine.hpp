@@ -74,6 +74,7 @@ class Engine {
   Engine& operator=(const Engine&) = delete;
 
   const Layout& layout() const { return layout_; }
+  const Result& result() const { return result_; }  // of the last solve or tick
   const double* forces() const { return c_.data(); }
   const double* multipliers() const { return nu_.data(); }
   const double* certificate_y() const { return y_.data(); }

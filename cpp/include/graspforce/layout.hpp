@@ -29,6 +29,12 @@ struct Layout {
   bool ceilings = false;      // c_max given
   bool floors = false;        // c_min given
 
+  // Where a contact's components start in c.
+  int first(int contact) const {
+    int start = 0;
+    for (int i = 0; i < contact; ++i) start += static_cast<int>(models[i]);
+    return start;
+  }
   int contacts() const { return static_cast<int>(models.size()); }
   int components() const {
     int m = 0;

@@ -1,0 +1,65 @@
+// How far forces are from slipping and from their limits, recomputed from a problem's data alone:
+// what a controller looks at before it trusts an answer that is not SOLVED.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "graspforce/cone.hpp"
+#include "graspforce/layout.hpp"
+
+namespace graspforce {
+
+struct Margins {
+  double friction = kInfinity;  // least mu n − ‖w t‖ of a contact in the grasp [N]
+  double torque = kInfinity;    // least distance of a joint torque to a limit [N·m]
+  double limit = kInfinity;     // least slack of ceilings, floors and A c ≤ b, in their own units
+  double wrench_error = 0;      // largest |W c − f| [N, N·m]
+
+  // Strictly inside every limit, whatever the wrench.
+  bool inside() const { return friction > 0 && torque > 0 && limit > 0; }
+};
+
+// Of forces c (m). Limits that touch only contacts out of the grasp have left with them.
+inline Margins find_margins(const Layout& layout, const Problem& p, const double* c) {
+  const int m = layout.components(), joints = layout.joints;
+  Margins margins;
+  // The sum of a row's products with c, and whether the row counts.
+  auto along = [&](auto entry, bool& counts) {
+    double sum = 0;
+    bool touches = false;
+    counts = false;
+    for (int i = 0, j = 0; i < layout.contacts(); ++i)
+      for (int end = j + static_cast<int>(layout.models[i]); j < end; ++j) {
+        sum += entry(j) * c[j];
+        touches |= entry(j) != 0;
+        counts |= entry(j) != 0 && p.in_grasp(i);
+      }
+    counts |= !touches;
+    return sum;
+  };
+  bool counts;
+  for (int j = 0; j < joints; ++j) {
+    const double tau = along([&](int i) { return p.J[i * joints + j]; }, counts) + p.tau_bias[j];
+    if (counts) margins.torque = std::min({margins.torque, p.tau_hi[j] - tau, tau - p.tau_lo[j]});
+  }
+  for (int r = 0; r < layout.inequalities; ++r) {
+    const double t = along([&](int i) { return p.A[r * m + i]; }, counts);
+    if (counts) margins.limit = std::min(margins.limit, p.b[r] - t);
+  }
+  for (int i = 0, start = 0; i < layout.contacts(); start += static_cast<int>(layout.models[i++])) {
+    if (!p.in_grasp(i)) continue;
+    const Cone cone{static_cast<int>(layout.models[i]), p.mu[i], p.mu[i] / p.gamma[i]};
+    margins.friction = std::min(margins.friction, cone.margin(c + start));
+    const double normal = c[start], share = p.engagement[i];
+    if (layout.ceilings) margins.limit = std::min(margins.limit, share * p.c_max[i] - normal);
+    if (layout.floors) margins.limit = std::min(margins.limit, normal - share * p.c_min[i]);
+  }
+  for (int r = 0; r < layout.wrench_rows; ++r) {
+    const double w = along([&](int i) { return p.W[r * m + i]; }, counts);
+    margins.wrench_error = std::max(margins.wrench_error, std::abs(w - p.f[r]));
+  }
+  return margins;
+}
+
+}  // namespace graspforce

@@ -1,0 +1,105 @@
+"""The core as a C++ library: installed, found, built against, and the same to the last digit.
+
+The controller of examples/cpp is compiled for the same instructions as the module that answers in
+Python. On baseline x86-64 the digits are then the same by the rules of the language: no operation
+is fused or reordered. With FMA the compiler decides which products it fuses, and both are built by
+the same one from the same source. A controller on another machine agrees to rounding.
+"""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import graspforce as gf
+from graspforce import _engine
+
+ROOT = Path(__file__).parents[1]
+EXAMPLE = ROOT / "examples" / "cpp"
+CMAKE = shutil.which("cmake")
+pytestmark = pytest.mark.skipif(CMAKE is None, reason="needs cmake and a C++ compiler")
+
+spec = importlib.util.spec_from_file_location("write_task", EXAMPLE / "write_task.py")
+write_task = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(write_task)
+
+
+def run(*command):
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory):
+    """Where the package is installed."""
+    folder = tmp_path_factory.mktemp("package")
+    run(CMAKE, "-S", ROOT, "-B", folder / "build", f"-DCMAKE_INSTALL_PREFIX={folder / 'prefix'}")
+    run(CMAKE, "--install", folder / "build")
+    return folder / "prefix"
+
+
+@pytest.fixture(scope="module")
+def task(tmp_path_factory):
+    path = tmp_path_factory.mktemp("task") / "task.txt"
+    path.write_text("".join(line + "\n" for line in write_task.lines()))
+    return path
+
+
+def build(prefix, folder, target, *options):
+    run(CMAKE, "-S", EXAMPLE, "-B", folder, f"-DCMAKE_PREFIX_PATH={prefix}", *options)
+    run(CMAKE, "--build", folder, "--target", target)
+
+
+@pytest.mark.parametrize("instructions", _engine.modules)
+def test_the_controller_prints_the_forces_of_python(
+    instructions, prefix, task, tmp_path, monkeypatch
+):
+    avx2 = "AVX2" in instructions
+    build(prefix, tmp_path, "controller", f"-DWITH_AVX2={'ON' if avx2 else 'OFF'}")
+    printed = run(tmp_path / "controller", task).splitlines()
+
+    monkeypatch.setattr(_engine, "NativeServo", _engine.modules[instructions].Servo)
+    servo = None
+    for line, problem in zip(printed, write_task.problems(), strict=True):
+        servo = servo or gf.Servo(problem)
+        for name in ("W", "f", "J", "engagement"):
+            getattr(servo, name)[...] = getattr(problem, name)
+        assert servo.tick() is gf.Status.SOLVED
+        assert line.split() == [f"{force:.17g}" for force in servo.c]
+    assert len(printed) == write_task.TICKS
+
+
+def test_the_cube_is_held(prefix, tmp_path):
+    build(prefix, tmp_path, "hold_cube", "-DCMAKE_BUILD_TYPE=Debug")
+    held = run(tmp_path / "hold_cube").splitlines()
+    assert len(held) == 6
+    assert all(line.startswith("SOLVED") for line in held)
+    assert " 0.000 N" in held[3]
+
+
+def test_a_task_is_written_by_the_script(task):
+    assert run(sys.executable, EXAMPLE / "write_task.py") == task.read_text()
+
+
+def test_another_version_is_not_found(prefix, tmp_path):
+    asking = (EXAMPLE / "CMakeLists.txt").read_text().replace("graspforce 0.1", "graspforce 0.2")
+    assert "graspforce 0.2" in asking
+    (tmp_path / "CMakeLists.txt").write_text(asking)
+    command = [CMAKE, "-S", tmp_path, "-B", tmp_path / "b", f"-DCMAKE_PREFIX_PATH={prefix}"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert re.search(r'compatible with\s+requested version "0.2"', done.stderr)
+
+
+def test_the_page_shows_the_files_that_run():
+    page = (ROOT / "docs" / "cpp.md").read_text()
+    sources = [path.read_text() for path in EXAMPLE.iterdir() if path.suffix in (".cpp", ".txt")]
+    snippets = re.findall(r"^```(?:cpp|cmake)\n(.*?)^```", page, re.S | re.M)
+    assert len(snippets) >= 3
+    for snippet in snippets:
+        assert any(snippet in source for source in sources), snippet
