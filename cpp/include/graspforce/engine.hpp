@@ -325,7 +325,7 @@ class Engine {
         barrier.set_forces(c_.data());
         if (barrier.inside()) wrench_error_ = barrier.wrench_error();
       }
-      result_.violation = phase.violation;
+      result_.violation = std::isfinite(phase.violation) ? phase.violation : 0;
       result_.status = phase.end == End::Infeasible ? Status::Infeasible
                        : phase.end == End::Steps    ? Status::MaxSteps
                        : phase.end == End::Overflow ? Status::InvalidNumbers
