@@ -227,7 +227,7 @@ class Engine {
   void examine(Rows& rows, const Problem& problem) {
     rank_.run(problem);
     rank_known_ = true;
-    unreachable_ = !rank_.reachable();
+    unreachable_ = rank_.overflows() || !rank_.reachable();
     was_deficient_ = rank_.deficient();
     if (was_deficient_) rows.restrict_rows(problem, rank_.rows());
   }
@@ -308,7 +308,8 @@ class Engine {
     lambda = first_step(barrier, problem);
     if (lambda < kInfinity && newton(barrier, lambda, tol, budget, false)) return;
     if (!rank_known_) examine(barrier, problem);
-    if (unreachable_) return answer_nothing(Status::WrenchUnreachable);
+    if (unreachable_)
+      return answer_nothing(rank_.overflows() ? Status::InvalidNumbers : Status::WrenchUnreachable);
     std::fill(nu_.begin(), nu_.end(), 0.0);
 
     if (kernels_ != Kernels::General) {  // the primal–dual method works on the general blocks

@@ -35,6 +35,7 @@ class RankExamination {
   const std::vector<int>& rows() const { return rows_; }
   bool deficient() const { return static_cast<int>(rows_.size()) < k_; }
   bool reachable() const { return reachable_; }  // f lies in the range of W
+  bool overflows() const { return overflows_; }  // nothing can be said about that
 
   // Gram-Schmidt with pivoting and reorthogonalisation over the rows of W; contacts out of the
   // grasp do not count.
@@ -49,11 +50,18 @@ class RankExamination {
     // Eliminating a row from another eliminates it from f as well; what is left of f on a row that
     // has vanished is out of reach.
     double largest_f = 0;  // what rounding in f is measured by
-    for (int r = 0; r < k_; ++r) largest_f = std::max(largest_f, std::abs(p.f[r]));
+    double c = 0;  // what the rows ask of the forces: a relative change of W counts times that
+    for (int r = 0; r < k_; ++r) {
+      largest_f = std::max(largest_f, std::abs(p.f[r]));
+      if (used_[r]) c = std::max(c, std::abs(f_[r]));
+    }
     reachable_ = true;
+    overflows_ = false;
     for (int r = 0; r < k_; ++r) {
       const double left = std::abs(f_[r]) * length_[r];
-      if (!used_[r] && left > kReachTolerance * std::max(size_[r] * length_[r], largest_f))
+      overflows_ = overflows_ || !std::isfinite(size_[r] * length_[r]);
+      if (!used_[r] &&
+          left > kReachTolerance * std::max(std::max(size_[r], c) * length_[r], largest_f))
         reachable_ = false;
     }
   }
@@ -113,7 +121,7 @@ class RankExamination {
   std::vector<double> Q_, f_, size_, length_;
   std::vector<char> used_;
   std::vector<int> rows_;
-  bool reachable_ = true;
+  bool reachable_ = true, overflows_ = false;
 };
 
 }  // namespace graspforce
