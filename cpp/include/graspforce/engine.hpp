@@ -183,6 +183,8 @@ class Engine {
       rearrange(problem);
       return in_core(problem, settings, kChangedAll, work);
     }
+    if (result_.status == Status::Solved && was_deficient_ && !rank_.fits(problem, c_.data()))
+      result_.status = Status::Stalled;
     if (result_.status != Status::Solved && !finite()) answer_nothing(Status::InvalidNumbers);
     result_.newton_steps = budget.steps();
     result_.elapsed_us = budget.elapsed_us();

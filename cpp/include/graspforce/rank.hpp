@@ -9,6 +9,7 @@
 #include <cmath>
 #include <vector>
 
+#include "graspforce/cone.hpp"
 #include "graspforce/layout.hpp"
 #include "graspforce/linalg.hpp"
 
@@ -64,6 +65,23 @@ class RankExamination {
           left > kReachTolerance * std::max(std::max(size_[r], c) * length_[r], largest_f))
         reachable_ = false;
     }
+  }
+
+  // Whether forces make all of f, the rows that were left out included: what rounding hides from
+  // `run` in rows of very different sizes shows here.
+  bool fits(const Problem& p, const double* c) const {
+    double worst = 0, scale = 0;
+    for (int r = 0; r < k_; ++r) {
+      const double* w = p.W + static_cast<std::size_t>(r) * m_;
+      double sum = 0, size = std::abs(p.f[r]);
+      for (int i = 0; i < m_; ++i) {
+        sum += w[i] * c[i];
+        size += std::abs(w[i] * c[i]);
+      }
+      worst = std::max(worst, std::abs(p.f[r] - sum));
+      scale = std::max(scale, size);
+    }
+    return worst <= kReachTolerance * scale && scale < kInfinity;
   }
 
  private:
