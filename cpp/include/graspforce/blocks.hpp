@@ -257,6 +257,7 @@ double relative_wrench_error(const Blocks& blocks, Forces forces) {
     if (!(error <= worst)) worst = error;  // NaN stays
     scale = std::max(scale, size);
   }
+  if (!(scale < kInfinity)) return kInfinity;
   return scale > 0 ? worst / scale : 0;
 }
 

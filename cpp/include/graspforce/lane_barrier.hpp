@@ -136,6 +136,7 @@ class LaneBarrier {
         size = std::max(size, sum(part));
       }
     }
+    if (!(size < kInfinity)) return kInfinity;
     Lanes high, low;
     errors(high, low);
     return size > 0 ? greatest(max(high, low)) / size : 0;
