@@ -148,13 +148,7 @@ class Engine {
       changed = kChangedAll;
     }
     rank_known_ = unreachable_ = false;
-    if (structure_.blocks().empty()) {  // every contact is out of the grasp
-      const bool idle =
-          std::all_of(problem.f, problem.f + layout_.wrench_rows, [](double f) { return f == 0; });
-      answer_nothing(idle ? Status::Solved : Status::WrenchUnreachable);
-      if (idle) result_.decrement = 0;
-      return;
-    }
+    if (structure_.blocks().empty()) return answer_idle(problem);
     auto work_on = [&](auto& rows, auto& barrier) {
       rows.load(problem, changed);
       if (was_deficient_) examine(rows, problem);
@@ -222,6 +216,36 @@ class Engine {
     result_.status = status;
     result_.decrement = kInfinity;
     result_.violation = 0;
+  }
+
+  // With every contact out of the grasp nothing is left to ask for but what no contact touches.
+  void answer_idle(const Problem& p) {
+    if (std::any_of(p.f, p.f + layout_.wrench_rows, [](double f) { return f != 0; }))
+      return answer_nothing(Status::WrenchUnreachable);
+    answer_nothing(Status::Solved);
+    result_.decrement = 0;
+    const int m = layout_.components(), joints = layout_.joints;
+    std::fill(y_.begin(), y_.end(), 0.0);
+    std::fill(z_.begin(), z_.end(), 0.0);
+    // A limit 0 ≤ room that is not kept proves by itself that nothing can be done about it.
+    auto keep = [&](int limit, double room, double scale, const double* entry, int stride) {
+      if (room > 0 || result_.status != Status::Solved) return;
+      for (int c = 0; c < m; ++c)
+        if (entry[c * stride] != 0) return;
+      z_[limit] = 1;
+      result_.status = proves_infeasible(layout_, p, y_.data(), z_.data()) ? Status::Infeasible
+                                                                           : Status::Stalled;
+      result_.decrement = kInfinity;
+      if (result_.status == Status::Infeasible && scale > 0) result_.violation = -room / scale;
+    };
+    for (int j = 0; j < joints; ++j) {
+      const double half = 0.5 * (p.tau_hi[j] - p.tau_lo[j]);
+      keep(j, p.tau_hi[j] - p.tau_bias[j], half, p.J + j, joints);
+      keep(joints + j, p.tau_bias[j] - p.tau_lo[j], half, p.J + j, joints);
+    }
+    for (int r = 0; r < layout_.inequalities; ++r)
+      keep(limit_count(layout_) - layout_.inequalities + r, p.b[r], std::abs(p.b[r]), p.A + r * m,
+           1);
   }
 
   // Reduces W c = f to independent rows where it has others.
