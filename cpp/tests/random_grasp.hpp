@@ -104,6 +104,10 @@ class RandomGrasp {
     for (int c = 0; c < layout.components(); ++c) data.J(c, joint) = 0;
   }
 
+  void lose_joints() {
+    for (double& entry : data.J.entries()) entry = 0;
+  }
+
   // Nothing turns the ball about z any more: W loses a row.
   void flatten() {
     for (int c = 0; c < layout.components(); ++c) data.W(5, c) = 0;

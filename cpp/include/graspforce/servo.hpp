@@ -29,6 +29,8 @@ class Servo : public ProblemData {
         now_(at_.size, std::numeric_limits<double>::quiet_NaN()),  // differs from whatever comes
         next_(at_.size) {}
 
+  using ProblemData::operator=;  // all fields at once
+
   // Solves from the fields as they stand. Numbers that do not make a problem are refused with
   // InvalidNumbers and a refusal(): nothing but that changes, and c() stays that of the last tick.
   Status tick() {

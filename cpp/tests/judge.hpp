@@ -1,0 +1,220 @@
+// An independent judge of an engine's verdicts: every residual and proof once more, in long double,
+// from the problem's data alone and with none of the core's mathematics.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "graspforce/engine.hpp"
+
+namespace graspforce {
+
+using Real = long double;
+
+class Judge {
+ public:
+  Judge(const Layout& layout, const double* packed)
+      : layout_(layout), p_(layout, packed), m_(layout.components()) {
+    for (int i = 0; i < layout.contacts(); ++i)
+      contact_of_.insert(contact_of_.end(), static_cast<int>(layout.models[i]), i);
+  }
+
+  // What is wrong with a verdict; null when nothing is.
+  const char* find_fault(const Engine& engine, const Result& result) const {
+    const int status = static_cast<int>(result.status);
+    if (status < 0 || status > 6) return "no such status";
+    for (int i = 0; i < m_; ++i)
+      if (!std::isfinite(engine.forces()[i])) return "a force that is no number";
+    for (int r = 0; r < layout_.wrench_rows; ++r)
+      if (!std::isfinite(engine.multipliers()[r])) return "a multiplier that is no number";
+    if (!(result.decrement >= 0)) return "a decrement that is no number";
+    if (!(result.violation >= 0 && result.violation < kInfinity))
+      return "a violation that is no number";
+    if (result.status == Status::Solved) {
+      if (!(result.decrement < 1)) return "solved without a bound on the decrement";
+      if (slips(engine.forces())) return "solved, and a contact slips";
+      if (passes_a_limit(engine.forces())) return "solved, and a limit is passed";
+      if (!(wrench_error(engine.forces()) <= 1e-9L)) return "solved, and the wrench is another";
+    }
+    if (result.status == Status::Infeasible &&
+        !proves_infeasible(engine.certificate_y(), engine.certificate_z()))
+      return "infeasible without a proof";
+    if (result.status == Status::WrenchUnreachable && !out_of_range())
+      return "unreachable, and in the range of W";
+    return nullptr;
+  }
+
+  // max |W c − f| relative to the wrenches that add up to f.
+  Real wrench_error(const double* c) const {
+    Real worst = 0, scale = 0;
+    for (int r = 0; r < layout_.wrench_rows; ++r) {
+      Real sum = -Real(p_.f[r]), size = std::abs(Real(p_.f[r]));
+      for (int i = 0; i < m_; ++i) {
+        const Real wrench = Real(p_.W[r * m_ + i]) * c[i];
+        sum += wrench;
+        size += std::abs(wrench);
+      }
+      worst = std::max(worst, std::abs(sum));
+      scale = std::max(scale, size);
+    }
+    return scale > 0 ? worst / scale : 0;
+  }
+
+ private:
+  static constexpr long double kUnit = 4e-16L;  // of rounding, a term
+  static constexpr long double kLeast = std::numeric_limits<double>::denorm_min();
+
+  bool slips(const double* c) const {
+    for (int i = 0; i < layout_.contacts(); ++i) {
+      if (!p_.in_grasp(i)) continue;
+      const double* y = c + layout_.first(i);
+      const Real height = Real(p_.mu[i]) * y[0];
+      if (!(height > tangent(i, y) * (1 - 8 * kUnit) - 8 * kLeast)) return true;
+    }
+    return false;
+  }
+
+  Real tangent(int i, const double* y) const {
+    Real sum = 0;
+    for (int d = 1; d < static_cast<int>(layout_.models[i]); ++d) {
+      const Real t = (d == 3 ? Real(p_.mu[i]) / p_.gamma[i] : 1) * y[d];
+      sum += t * t;
+    }
+    return std::sqrt(sum);
+  }
+
+  bool passes_a_limit(const double* c) const {
+    bool passed = false;
+    each_limit([&](int, auto entry, Real bound, Real size) {
+      Real room = bound;
+      for (int i = 0; i < m_; ++i) {
+        room -= entry(i) * c[i];
+        size += std::abs(entry(i) * c[i]);
+      }
+      passed |= !(room > -(m_ + 4) * (kUnit * size + kLeast));
+    });
+    return passed;
+  }
+
+  // e = Aᵀz − Wᵀy in the dual cones, z ≥ 0, y·f > z·b: see graspforce.Certificate.
+  bool proves_infeasible(const double* y, const double* z) const {
+    std::vector<Real> e(m_);
+    Real gap = 0;
+    bool sound = true;
+    for (int r = 0; r < layout_.wrench_rows; ++r) {
+      gap += Real(y[r]) * p_.f[r];
+      for (int i = 0; i < m_; ++i) e[i] -= Real(p_.W[r * m_ + i]) * y[r];
+    }
+    each_limit([&](int row, auto entry, Real bound, Real) {
+      sound &= z[row] >= 0;
+      gap -= z[row] * bound;
+      for (int i = 0; i < m_; ++i) e[i] += entry(i) * z[row];
+    });
+    for (int i = 0; i < layout_.contacts(); ++i) {
+      if (!p_.in_grasp(i)) continue;
+      const Real* part = e.data() + layout_.first(i);
+      Real sum = 0;
+      for (int d = 1; d < static_cast<int>(layout_.models[i]); ++d) {
+        const Real t = (d == 3 ? Real(p_.gamma[i]) / p_.mu[i] : 1) * part[d];
+        sum += t * t;
+      }
+      sound &= part[0] >= p_.mu[i] * std::sqrt(sum);
+    }
+    return sound && gap > 0;
+  }
+
+  // Whether f is away from the span of W's columns: what is left of it once everything along an
+  // orthonormal basis of the rows, in units of their lengths, has been accounted for.
+  bool out_of_range() const {
+    const int k = layout_.wrench_rows;
+    std::vector<std::vector<Real>> rows(k, std::vector<Real>(m_));
+    std::vector<Real> f(k), length(k), size(k);
+    std::vector<char> used(k);
+    for (int r = 0; r < k; ++r) {
+      for (int i = 0; i < m_; ++i)
+        if (p_.in_grasp(contact_of_[i])) rows[r][i] = p_.W[r * m_ + i];
+      length[r] = std::sqrt(product(rows[r], rows[r]));
+      if (length[r] == 0) length[r] = 1;
+      for (Real& entry : rows[r]) entry /= length[r];
+      f[r] = p_.f[r] / length[r];
+      size[r] = std::abs(f[r]);
+    }
+    for (;;) {
+      int best = -1;
+      Real most = 1e-8L;  // forces that a direction this weak would take are none
+      for (int r = 0; r < k; ++r) {
+        const Real left = used[r] ? 0 : std::sqrt(product(rows[r], rows[r]));
+        if (left > most * (1 + 1e-12L)) best = r, most = left;
+      }
+      if (best < 0) break;
+      used[best] = 1;
+      for (Real& entry : rows[best]) entry /= most;
+      f[best] /= most;
+      size[best] /= most;
+      for (int r = 0; r < k; ++r)
+        for (int pass = 0; pass < 2 && !used[r]; ++pass) {
+          const Real along = product(rows[r], rows[best]);
+          for (int i = 0; i < m_; ++i) rows[r][i] -= along * rows[best][i];
+          f[r] -= along * f[best];
+          size[r] += std::abs(along) * size[best];
+        }
+    }
+    Real c = 0;  // along the basis
+    for (int r = 0; r < k; ++r)
+      if (used[r]) c = std::max(c, std::abs(f[r]));
+    for (int r = 0; r < k; ++r)
+      if (!used[r] && std::abs(f[r]) > 1e-10L * std::max(size[r], c)) return true;
+    return false;
+  }
+
+  static Real product(const std::vector<Real>& a, const std::vector<Real>& b) {
+    Real sum = 0;
+    for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
+    return sum;
+  }
+
+  // Calls work(row, entry, bound, size) for every limit entry·c ≤ bound that counts; `size` is what
+  // the bound has been computed from.
+  template <class Work>
+  void each_limit(Work work) const {
+    const int n = layout_.contacts(), joints = layout_.joints;
+    int row = 0;
+    auto offer = [&](auto entry, Real bound, Real size) {
+      bool touches = false, counts = false;
+      for (int i = 0; i < m_; ++i) {
+        touches |= entry(i) != 0;
+        counts |= entry(i) != 0 && p_.in_grasp(contact_of_[i]);
+      }
+      if (counts || !touches) {
+        auto present = [&](int i) { return p_.in_grasp(contact_of_[i]) ? entry(i) : 0; };
+        work(row, present, bound, size);
+      }
+      ++row;
+    };
+    for (int side : {1, -1})
+      for (int j = 0; j < joints; ++j) {
+        const Real limit = side > 0 ? p_.tau_hi[j] : p_.tau_lo[j], bias = p_.tau_bias[j];
+        offer([&, side, j](int i) { return side * Real(p_.J[i * joints + j]); },
+              side * (limit - bias), std::abs(limit) + std::abs(bias));
+      }
+    for (int side : {1, -1}) {
+      if (!(side > 0 ? layout_.ceilings : layout_.floors)) continue;
+      for (int i = 0; i < n; ++i) {
+        const int normal = layout_.first(i);
+        const Real bound = Real(p_.engagement[i]) * (side > 0 ? p_.c_max : p_.c_min)[i];
+        offer([normal, side](int c) { return c == normal ? Real(side) : 0; }, side * bound, bound);
+      }
+    }
+    for (int r = 0; r < layout_.inequalities; ++r)
+      offer([&, r](int i) { return Real(p_.A[r * m_ + i]); }, p_.b[r], std::abs(Real(p_.b[r])));
+  }
+
+  const Layout& layout_;
+  Problem p_;
+  int m_;
+  std::vector<int> contact_of_;
+};
+
+}  // namespace graspforce

@@ -1,0 +1,113 @@
+// The Servo of named fields: what it takes, what it refuses, what it tells.
+#include "graspforce/servo.hpp"
+
+#include <cmath>
+#include <limits>
+
+#include "allocations.hpp"
+#include "expect.hpp"
+#include "graspforce/contact.hpp"
+
+using namespace graspforce;
+
+// A cube of side 75 mm between four fingertips; their ceilings alone bound the grip.
+static void grip(Servo& servo) {
+  const Vector3 sides[] = {{1, 0, 0}, {0, 1, 0}, {-1, 0, 0}, {0, -1, 0}};
+  for (int i = 0; i < 4; ++i) {
+    const auto [x, y, z] = sides[i];
+    write_contact(servo.W, 3 * i, Model::PCWF, {0.0375 * x, 0.0375 * y, 0}, {-x, -y, -z},
+                  {0, 0, 1});
+    servo.mu[i] = 0.5;
+    servo.c_max[i] = 20;
+  }
+  servo.f[2] = 2.5;
+}
+
+static Layout four_fingers(int joints) {
+  Layout layout;
+  layout.models.assign(4, Model::PCWF);
+  layout.joints = joints;
+  layout.ceilings = true;
+  return layout;
+}
+
+static void a_contact_gives_its_columns() {
+  double numbers[24] = {};
+  const Matrix W(numbers, 6, 4);
+  write_contact(W, 0, Model::SFC, {0, 0, 0.5}, {0, 0, -2}, {3, 0, 7});
+  const double expected[4][6] = {
+      {0, 0, -1, 0, 0, 0}, {1, 0, 0, 0, 0.5, 0}, {0, -1, 0, 0.5, 0, 0}, {0, 0, 0, 0, 0, -1}};
+  for (int c = 0; c < 4; ++c)
+    for (int r = 0; r < 6; ++r) EXPECT(std::abs(W(r, c) - expected[c][r]) < 1e-15);
+}
+
+static void a_tick_holds_the_cube() {
+  Servo servo(four_fingers(1));
+  grip(servo);
+  for (int i = 0; i < 4; ++i) servo.J(3 * i, 0) = 0.1;  // one joint feels every normal force
+  servo.tau_lo[0] = -10, servo.tau_hi[0] = 10, servo.tau_bias[0] = 0.25;
+  EXPECT(servo.tick() == Status::Solved && servo.refusal() == nullptr);
+  const Margins margins = servo.margins();
+  EXPECT(margins.inside() && margins.friction > 0.1 && margins.wrench_error < 1e-12);
+  double normals = 0, largest = 0;
+  for (int i = 0; i < 4; ++i) {
+    normals += servo.c()[3 * i];
+    largest = std::max(largest, servo.c()[3 * i]);
+  }
+  EXPECT(std::abs(servo.torque(0) - (0.1 * normals + 0.25)) < 1e-14);
+  EXPECT(std::abs(margins.torque - (10 - servo.torque(0))) < 1e-14);
+  EXPECT(std::abs(margins.limit - (20 - largest)) < 1e-14);
+}
+
+static void refused_numbers_leave_no_trace() {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  Servo servo(four_fingers(0)), clean(four_fingers(0));
+  grip(servo), grip(clean);
+  struct {
+    double& number;
+    double bad;
+  } const wrong[] = {{servo.f[0], nan},   {servo.W(5, 11), kInfinity}, {servo.engagement[2], 1.5},
+                     {servo.c_max[1], 0}, {servo.mu[0], -0.5},         {servo.alpha, 0}};
+  const long before = allocations;
+  for (const auto& each : wrong) {
+    EXPECT(servo.tick() == Status::Solved && clean.tick() == Status::Solved);
+    const double good = each.number;
+    each.number = each.bad;
+    EXPECT(servo.tick() == Status::InvalidNumbers && servo.refusal() != nullptr);
+    for (int i = 0; i < 12; ++i) EXPECT(servo.c()[i] == clean.c()[i]);
+    each.number = good;
+    servo.f[1] += 0.1, clean.f[1] += 0.1;
+    EXPECT(servo.tick() == Status::Solved && clean.tick() == Status::Solved);
+    EXPECT(servo.refusal() == nullptr);
+    EXPECT(servo.result().newton_steps == clean.result().newton_steps);
+    for (int i = 0; i < 12; ++i) EXPECT(servo.c()[i] == clean.c()[i]);
+  }
+  EXPECT(allocations == before);
+}
+
+static void nothing_at_all_is_refused() {
+  Servo servo(four_fingers(3));
+  for (double* x = servo.packed(); x < servo.packed() + servo.packed_size(); ++x) *x = 0;
+  EXPECT(servo.tick() == Status::InvalidNumbers && servo.refusal() != nullptr);
+}
+
+static void settings_may_change_between_ticks() {
+  Servo servo(four_fingers(0));
+  grip(servo);
+  servo.alpha = 100, servo.f[0] = 3;
+  servo.settings.max_steps = 1;
+  EXPECT(servo.tick() == Status::MaxSteps && servo.margins().inside());
+  servo.settings.max_steps = 200;
+  EXPECT(servo.tick() == Status::Solved && servo.result().start == Start::Held);
+  servo.reset();
+  EXPECT(servo.tick() == Status::Solved && servo.result().start == Start::Cold);
+}
+
+int main() {
+  a_contact_gives_its_columns();
+  a_tick_holds_the_cube();
+  refused_numbers_leave_no_trace();
+  nothing_at_all_is_refused();
+  settings_may_change_between_ticks();
+  return verdict("servo");
+}
