@@ -24,9 +24,7 @@ class LaneBarrier {
   explicit LaneBarrier(const Layout& layout) : layout_(layout) {
     if (layout.wrench_rows > kWrench) return;  // never fits
     if (!single) groups_.resize((layout.contacts() + kLanes - 1) / kLanes);
-    const int rows = layout.joints + layout.inequalities;
-    only_.rows.reserve(rows);
-    for (Group& group : groups_) group.rows.reserve(rows);
+    rows_.resize(layout.joints + layout.inequalities);  // no limit stands in two groups
   }
 
   // Whether the kernels fit a structure.
@@ -44,11 +42,17 @@ class LaneBarrier {
     members_ = static_cast<int>(blocks.size());
     const int groups = (members_ + kLanes - 1) / kLanes;
     end_ = groups_.data() + groups;
+    LaneRow<Q>* row = rows_.data();
     for (Group& group : *this) {
       const int first = static_cast<int>(&group - begin()) * kLanes;
-      group.clear(std::min(kLanes, members_ - first));
-      for (int l = 0; l < group.members; ++l)
-        group.two_sided = std::max(group.two_sided, blocks[first + l].joints.size());
+      const int members = std::min(kLanes, members_ - first);
+      int joints = 0, inequalities = 0;
+      for (int l = 0; l < members; ++l) {
+        joints = std::max(joints, blocks[first + l].joints.size());
+        inequalities = std::max(inequalities, blocks[first + l].inequalities.size());
+      }
+      group.clear(members, {row, joints + inequalities}, joints);
+      row += joints + inequalities;
       for (int l = 0; l < kLanes; ++l)
         group.place(l, blocks[first + std::min(l, group.members - 1)], layout_);
       group.settle();
@@ -243,12 +247,10 @@ class LaneBarrier {
 
   // |f − W c|, rows 0 to 3 and the others.
   GRASPFORCE_INLINE void errors(Lanes& high, Lanes& low) const {
-    Lanes parts[kWrench];
+    Lanes parts[kWrench] = {};
     for (const Group& group : *this) {
       GRASPFORCE_UNROLL
-      for (int r = 0; r < kWrench; ++r)
-        parts[r] =
-            &group == begin() ? group.wrench(r, group.c) : parts[r] + group.wrench(r, group.c);
+      for (int r = 0; r < kWrench; ++r) parts[r] += group.wrench(r, group.c);
     }
     high = abs(four_at(f_) - sums(parts[0], parts[1], parts[2], parts[3]));
     low = abs(four_at(f_ + kLanes) - sums(parts[4], parts[5], Lanes{}, Lanes{}));
@@ -276,6 +278,7 @@ class LaneBarrier {
   const int components_ = layout_.components();
   Group only_;                 // with `single`; else
   std::vector<Group> groups_;  // all of them
+  std::vector<LaneRow<Q>> rows_;
   Group* end_ = nullptr;
   WrenchSystem system_;
   int members_ = 0;  // contacts in the grasp

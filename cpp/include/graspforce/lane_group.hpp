@@ -8,12 +8,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <vector>
 
 #include "graspforce/cone.hpp"
 #include "graspforce/lanes.hpp"
 #include "graspforce/layout.hpp"
 #include "graspforce/schur.hpp"
+#include "graspforce/span.hpp"
 #include "graspforce/structure.hpp"
 
 namespace graspforce {
@@ -71,7 +71,7 @@ struct LaneGroup {
   Lanes mu = splat(1), torsion = splat(1);
   Lanes floor = splat(-kInfinity), ceiling = splat(kInfinity);
   Lanes W[kWrench][Q] = {};
-  std::vector<Row> rows;
+  Span<Row> rows;
   int two_sided = 0;  // the joints' rows come first, then inequalities, which have no lower side
 
   Lanes c[Q] = {splat(1)}, d[Q] = {}, g[Q] = {};
@@ -82,9 +82,10 @@ struct LaneGroup {
 
   // ---- which contacts stand in the lanes -----------------------------------------------------
 
-  void clear(int contacts) {
-    rows.clear();
-    two_sided = 0;
+  void clear(int contacts, Span<Row> room, int of_joints) {
+    rows = room;
+    std::fill(rows.begin(), rows.end(), Row{});
+    two_sided = of_joints;
     members = contacts;
     regular = contacts == kLanes;
   }
@@ -103,15 +104,13 @@ struct LaneGroup {
     }
     regular = regular && dim == Q && component[0][lane] == component[0][0] + Q * lane;
     const int m = layout.components();
-    auto occupy = [&](std::size_t r, int source, int stride, int offset) {
-      if (rows.size() <= r) rows.resize(r + 1);
+    auto occupy = [&](int r, int source, int stride, int offset) {
       rows[r].source[lane] = source;
       for (int i = 0; i < Q; ++i) {
         rows[r].mask[i][lane] = mask[i][lane];
         rows[r].entry[i][lane] = component[i][lane] * stride + offset;
       }
     };
-    rows.resize(std::max<std::size_t>(rows.size(), two_sided));
     for (int r = 0; r < block.joints.size(); ++r)
       occupy(r, block.joints[r], layout.joints, block.joints[r]);
     for (int r = 0; r < block.inequalities.size(); ++r)
@@ -120,7 +119,7 @@ struct LaneGroup {
 
   // Once every lane has its contact: looks for the even steps that make loading cheap.
   void settle() {
-    stride = rows.empty() ? 0 : rows[0].entry[0][1] - rows[0].entry[0][0];
+    stride = rows.size() == 0 ? 0 : rows[0].entry[0][1] - rows[0].entry[0][0];
     for (int r = 0; r < two_sided; ++r)
       for (int l = 0; l < kLanes; ++l)
         regular = regular && rows[r].mask[0][l] == 1 &&
@@ -168,7 +167,7 @@ struct LaneGroup {
         for (int j = 0; j <= i && with_hessian; ++j) sum_H[at(i, j)] += scaled * row.a[j];
       }
     };
-    const Row *row = rows.data(), *one_sided = row + two_sided, *end = row + rows.size();
+    const Row *row = rows.begin(), *one_sided = row + two_sided, *end = rows.end();
     for (; row != one_sided; ++row) {
       const Lanes t = row->at(c), above = row->hi - t, below = t - row->lo;
       worst = min(worst, min(above, below));
@@ -446,7 +445,7 @@ struct LaneGroup {
       return;
     }
     const std::ptrdiff_t step = stride;
-    for (Row *row = rows.data(), *end = row + two_sided; row != end; ++row) {
+    for (Row *row = rows.begin(), *end = row + two_sided; row != end; ++row) {
       const double* from = J + row->entry[0][0];
       GRASPFORCE_UNROLL
       for (int i = 0; i < Q; ++i, from += joints)
@@ -467,7 +466,7 @@ struct LaneGroup {
       row.lo = there > 0 ? gather(p.tau_lo, row.source) - bias : splat(-1);
       row.hi = there > 0 ? gather(p.tau_hi, row.source) - bias : splat(1);
     }
-    for (std::size_t r = two_sided; r < rows.size(); ++r) {
+    for (int r = two_sided; r < rows.size(); ++r) {
       Row& row = rows[r];
       load_row(row, p.A);
       row.lo = splat(-kInfinity);
@@ -518,7 +517,7 @@ class WrenchSystem {
   // Takes the sums over the lanes and solves for x. False when a pivot is next to nothing beside
   // its diagonal entry: W may have dependent rows.
   GRASPFORCE_INLINE bool solve(const WrenchSums& s, double* x) {
-    Lanes upper[kLanes], lower[kWrench];
+    Lanes upper[kWrench] = {}, lower[kWrench];  // the last two have no upper rows
     upper[0] = sums(s.at(0, 0), s.at(1, 0), s.at(2, 0), s.at(3, 0));
     upper[1] = sums(s.at(3, 3), s.at(1, 1), s.at(2, 1), s.at(3, 1));
     upper[2] = sums(s.rhs(5), s.at(5, 5), s.at(2, 2), s.at(3, 2));
