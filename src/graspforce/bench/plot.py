@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from graspforce.bench import peers
 from graspforce.bench.measurement import Run
 from graspforce.figures import style
 from graspforce.files import replacing
@@ -20,24 +21,24 @@ def draw(run: Run, path: Path) -> None:
     Raises:
         MissingExtraError: matplotlib is missing.
     """
-    lines: list[tuple[str, float, float] | str] = []
+    lines: list[tuple[str, float, float, str] | str] = []
     group = None
     for row in run.rows:
         if row.group != group:
             lines.append(row.group)
             group = row.group
-        lines.append((row.name, row.p50, row.p99))
+        others = row.group == peers.GROUP and row.name != peers.OWN
+        lines.append((row.name, row.p50, row.p99, style.GREY if others else style.FINGERS[0]))
     figure = style.new_figure(height=_ROW * len(lines) + _REST, width=9.0)
     axes = figure.add_subplot()
     for index, line in enumerate(lines):
         if isinstance(line, str):
             continue
-        name, p50, p99 = line
-        own = "graspforce" in name or "servo" in name or "C++" in name or "contacts" in name
-        colour = style.FINGERS[0] if own else style.GREY
+        _, p50, p99, colour = line
         axes.plot([p50, max(p99, p50)], [index, index], color=colour, linewidth=1.2)
         axes.plot(p50, index, "o", color=colour, markersize=4.5)
-        axes.text(1.15 * max(p99, p50), index, f"{p50:.3g}", va="center", fontsize=7, color=colour)
+        digits = f"{p50:.0f}" if p50 >= 100 else f"{p50:.3g}"
+        axes.text(1.15 * max(p99, p50), index, digits, va="center", fontsize=7, color=colour)
     axes.set_yticks(
         range(len(lines)), [line if isinstance(line, str) else line[0] for line in lines]
     )
@@ -51,6 +52,5 @@ def draw(run: Run, path: Path) -> None:
     axes.grid(axis="x", which="major", color=style.LIGHT)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
-    figure.tight_layout()
     with replacing(path) as temporary:
         figure.savefig(temporary, format=path.suffix[1:], dpi=150)
