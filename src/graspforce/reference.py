@@ -225,14 +225,20 @@ def friction_margins(c: Array, models: Sequence[ContactModel]) -> Array:
 
 
 def decrement(c: Array, problem: ForceProblem) -> float:
-    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}; c strictly inside."""
+    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}; c strictly inside.
+
+    It is inf where c is so close to the boundary that the Hessian is singular to rounding.
+    """
     view = _View(problem)
     if not view.models:
         return 0.0
     _, N = particular_and_nullspace(view.W, problem.f)
     gradient, hessian = view.derivatives(c[view.kept])
     reduced = N.T @ gradient
-    step = newton_step(reduced, N.T @ hessian @ N) if N.shape[1] else reduced
+    try:
+        step = newton_step(reduced, N.T @ hessian @ N) if N.shape[1] else reduced
+    except np.linalg.LinAlgError:
+        return math.inf
     return math.sqrt(max(0.0, -float(reduced @ step)))
 
 
