@@ -28,15 +28,20 @@ class ModelImportError(GraspForceError):
 
 
 class MissingExtraError(GraspForceError, ImportError):
-    """An optional package is not installed; the text gives the pip line."""
+    """An optional package is not installed; the text gives the pip line.
 
-    def __init__(self, purpose: str, package: str, extra: str) -> None:
-        super().__init__(
-            f"{purpose} needs {package}, which is not installed: pip install 'graspforce[{extra}]'"
-        )
+    Args:
+        purpose: what needs it.
+        package: its name.
+        extra: the extra of graspforce that brings it; None where no extra does.
+    """
+
+    def __init__(self, purpose: str, package: str, extra: str | None) -> None:
+        wanted = package if extra is None else f"'graspforce[{extra}]'"
+        super().__init__(f"{purpose} needs {package}, which is not installed: pip install {wanted}")
         self._given = (purpose, package, extra)
 
-    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str, str]]:
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str, str | None]]:
         """Pickle by what it was made from."""
         return (type(self), self._given)
 

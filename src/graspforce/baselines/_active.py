@@ -22,6 +22,8 @@ from graspforce.outcome import PlainOutcome, Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
+# Components of a soft finger's force, the torsion last.
+SFC_DIM = 4
 # Products of a few numbers above this overflow in double precision.
 LARGEST = 1e60
 
@@ -54,6 +56,19 @@ class Active:
         models = tuple(model for model, here in zip(problem.models, there, strict=True) if here)
         A, b = problem.linear_limits()
         return cls(problem, kept, models, problem.W[:, kept], A[:, kept], b)
+
+    @property
+    def cone_weights(self) -> Array:
+        """The weights v with which a cone is v_0 n ≥ ‖(v_1 x, …)‖, contact by contact, shape (m,).
+
+        1 or mu for the normal force, 1 for the tangential ones, mu/gamma for the torsion.
+        """
+        problem, starts = self.problem, np.array(self.problem.starts[:-1])
+        weights = np.ones(problem.m)
+        weights[starts] = problem.mu
+        soft = np.array(problem.layout.dims) == SFC_DIM
+        weights[starts[soft] + SFC_DIM - 1] = problem.mu[soft] / problem.gamma[soft]
+        return weights[self.kept]
 
     @property
     def starts(self) -> list[int]:
@@ -105,20 +120,30 @@ def run(problem: ForceProblem, method: Callable[[Active], Solution]) -> Solution
 
     No method is needed for a wrench outside the range of W, nor when no contact is left.
     """
-    if np.abs(problem.packed).max() > LARGEST:
-        return _nothing(problem, Status.INVALID_NUMBERS)
+    known = known_at_once(problem)
+    if known is not None:
+        return known
     if not reference.wrench_reachable(problem):
-        return _nothing(problem, Status.WRENCH_UNREACHABLE)
-    if not problem.active.any():
-        return _nothing(problem, Status.SOLVED)
+        return nothing(problem, Status.WRENCH_UNREACHABLE)
     with np.errstate(all="ignore"):
         try:
             return method(Active.of(problem))
         except np.linalg.LinAlgError:
-            return _nothing(problem, Status.INVALID_NUMBERS)
+            return nothing(problem, Status.INVALID_NUMBERS)
 
 
-def _nothing(problem: ForceProblem, status: Status) -> Solution:
+def known_at_once(problem: ForceProblem) -> Solution | None:
+    """Return the answer to a problem that would overflow or has no contact left; else None."""
+    if np.abs(problem.packed).max() > LARGEST:
+        return nothing(problem, Status.INVALID_NUMBERS)
+    if problem.active.any():
+        return None
+    reachable = reference.wrench_reachable(problem)
+    return nothing(problem, Status.SOLVED if reachable else Status.WRENCH_UNREACHABLE)
+
+
+def nothing(problem: ForceProblem, status: Status) -> Solution:
+    """Return a verdict that has no forces."""
     decrement = 0.0 if status is Status.SOLVED else math.inf
     zeros = np.zeros(problem.m), np.zeros(len(problem.f))
     return Solution(PlainOutcome(status, 0, *zeros, decrement), problem)
@@ -135,6 +160,12 @@ def answer(view: Active, status: Status, steps: int, c: Array, gradient: Array) 
         gradient: of the method's Lagrangian without the term of W c = f, shape (m,): W.T nu.
     """
     if not (np.isfinite(c).all() and np.isfinite(gradient).all()):
-        return _nothing(view.problem, Status.INVALID_NUMBERS)
-    nu = reference.least_squares(view.W.T, gradient)
+        return nothing(view.problem, Status.INVALID_NUMBERS)
+    return priced(view, status, steps, c, reference.least_squares(view.W.T, gradient))
+
+
+def priced(view: Active, status: Status, steps: int, c: Array, nu: Array) -> Solution:
+    """As :func:`answer`, for a method that knows the multipliers of W c = f, shape (k,)."""
+    if not (np.isfinite(c).all() and np.isfinite(nu).all()):
+        return nothing(view.problem, Status.INVALID_NUMBERS)
     return Solution(PlainOutcome(status, steps, view.spread(c), nu), view.problem)

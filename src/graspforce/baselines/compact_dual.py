@@ -21,20 +21,15 @@ the vertex changes.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from itertools import pairwise
-from numbers import Integral
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
 from graspforce.baselines._active import Active, answer, as_steps, run
+from graspforce.baselines._pyramids import Cones, Pyramids
 from graspforce.baselines._start import feasible_start
-from graspforce.contact import FPC, SFC, ContactModel
-from graspforce.errors import InvalidInputError
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
@@ -47,15 +42,14 @@ def solve(
     problem: ForceProblem,
     *,
     facets: int = 8,
-    cones: Literal["inner", "outer"] = "inner",
+    cones: Cones = "inner",
     max_steps: int = 1000,
 ) -> Solution:
     """Minimise Σ normal forces with W c = f, A c ≤ b and facetted cones by the compact dual.
 
     Args:
         problem: what to solve; its alpha has no part in this objective.
-        facets: of a cone with two tangents, even, 4 or more; a soft finger's has as many around
-            and half of them more from pole to pole.
+        facets: of a cone with two tangents, even, 4 or more (``_pyramids``).
         cones: "inner" for pyramids inscribed in the true cones, "outer" for circumscribed ones,
             whose answers leave the true cones.
         max_steps: the most pivots.
@@ -68,16 +62,13 @@ def solve(
     Raises:
         InvalidInputError: an option out of range.
     """
-    if not isinstance(facets, Integral) or facets < 4 or facets % 2:  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InvalidInputError(f"facets: got {facets!r}, expected an even number of at least 4")
-    if cones not in ("inner", "outer"):
-        raise InvalidInputError(f"cones: got {cones!r}, expected 'inner' or 'outer'")
+    pyramids = Pyramids.of(facets, cones)
     most = as_steps(max_steps)
-    return run(problem, lambda view: _solve(view, facets, cones == "inner", most))
+    return run(problem, lambda view: _solve(view, pyramids, most))
 
 
-def _solve(view: Active, facets: int, inner: bool, max_steps: int) -> Solution:
-    rows = np.vstack((view.A, cone_rows(view, facets, inner)))
+def _solve(view: Active, pyramids: Pyramids, max_steps: int) -> Solution:
+    rows = np.vstack((view.A, pyramids.rows(view)))
     bounds = np.concatenate((view.b, np.zeros(len(rows) - len(view.b))))
     c_p, N = eliminate(view.W, view.problem.f)
     G, h, g = rows @ N, bounds - rows @ c_p, N.T @ view.normals
@@ -99,37 +90,6 @@ def _solve(view: Active, facets: int, inner: bool, max_steps: int) -> Solution:
             return found
         return answer(view, Status.STALLED, dual.pivots, c, np.zeros(len(c)))
     return answer(view, dual.status, dual.pivots, c, view.normals + rows.T @ y)
-
-
-def cone_rows(view: Active, facets: int, inner: bool) -> Array:
-    """Return the rows F of the facetted cones F c ≤ 0, inside the true cones or around them."""
-    parts: list[Array] = []
-    for model, (start, end) in zip(view.models, pairwise(view.starts), strict=True):
-        own = facet_rows(model, facets, inner)
-        part = np.zeros((len(own), len(view.W.T)))
-        part[:, start:end] = own
-        parts.append(part)
-    return np.vstack(parts)
-
-
-def facet_rows(model: ContactModel, facets: int, inner: bool) -> Array:
-    """Return one contact's rows: u·t ≤ mu n for directions u all around, shape (·, dim).
-
-    The regular polygon around a circle has its corners at 1/cos(pi/facets) radii, so that the
-    one with cos(pi/facets)·mu is inside. A soft finger's ball takes such polygons of longitudes
-    and of latitudes, and the cosine twice.
-    """
-    if isinstance(model, FPC):
-        return np.array([[-1.0]])
-    around = 2 * math.pi * np.arange(facets) / facets
-    u = np.column_stack((np.cos(around), np.sin(around)))
-    inside = math.cos(math.pi / facets) if inner else 1.0
-    if isinstance(model, SFC):
-        latitude = math.pi * (2 * np.arange(facets // 2 + 1) / facets - 0.5)
-        cos, sin = np.cos(latitude), np.sin(latitude) * model.mu / model.gamma
-        u = np.column_stack((np.kron(cos[:, None], u), np.repeat(sin, facets)))
-        inside = inside**2
-    return np.column_stack((np.full(len(u), -inside * model.mu), u))
 
 
 def eliminate(W: Array, f: Array) -> tuple[Array, Array]:

@@ -56,7 +56,7 @@ PEERS: dict[str, Callable[[ForceProblem], Solve]] = {
     "QOCO, SOCP of least norm": _baseline("socp", solver="qoco", objective="norm"),
     "Clarabel, SOCP of least norm": _baseline("socp", solver="clarabel", objective="norm"),
     "ECOS, SOCP of least norm": _baseline("socp", solver="ecos", objective="norm"),
-    "SCS, SOCP of least norm": _baseline("socp", solver="scs", objective="norm"),
+    "SCS to 1e-6, SOCP of least norm": _baseline("socp", solver="scs", objective="norm", tol=1e-6),
     "Moreau, SOCP of least norm": _baseline("socp", solver="moreau", objective="norm"),
     "DAQP, least norm, 8 facets a cone": _baseline("qp", facets=8),
     "HiGHS, LP of Kerr and Roth, 8 facets a cone": _baseline("lp", facets=8),

@@ -1,0 +1,82 @@
+"""Friction cones as pyramids of flat facets, for the methods that know linear constraints only.
+
+An *inner* pyramid is inscribed in the true cone: its forces hold, but it gives friction away, the
+part 1 − cos(pi/facets) of it between two edges. An *outer* one is circumscribed: it misses
+no force, and those along its edges slip.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from numbers import Integral
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from graspforce._arrays import Array
+from graspforce.baselines._active import Active
+from graspforce.contact import FPC, SFC, ContactModel
+from graspforce.errors import InvalidInputError
+
+Cones: TypeAlias = Literal["inner", "outer"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pyramids:
+    """What every cone is replaced by.
+
+    Attributes:
+        facets: of a cone with two tangents; a soft finger's has as many around and half of them
+            more from pole to pole.
+        inner: inscribed rather than circumscribed.
+    """
+
+    facets: int
+    inner: bool
+
+    @classmethod
+    def of(cls, facets: int, cones: Cones) -> Pyramids:
+        """Check a caller's options.
+
+        Raises:
+            InvalidInputError: ``facets`` is not even or below 4, ``cones`` is another word.
+        """
+        if not isinstance(facets, Integral) or facets < 4 or facets % 2:  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InvalidInputError(
+                f"facets: got {facets!r}, expected an even number of at least 4"
+            )
+        if cones not in ("inner", "outer"):
+            raise InvalidInputError(f"cones: got {cones!r}, expected 'inner' or 'outer'")
+        return cls(facets, cones == "inner")
+
+    def rows(self, view: Active) -> Array:
+        """Return the rows F of all cones, F c ≤ 0, contact by contact, shape (·, m)."""
+        parts: list[Array] = []
+        for model, (start, end) in zip(view.models, pairwise(view.starts), strict=True):
+            own = facet_rows(model, self.facets, self.inner)
+            part = np.zeros((len(own), len(view.W.T)))
+            part[:, start:end] = own
+            parts.append(part)
+        return np.vstack(parts)
+
+
+def facet_rows(model: ContactModel, facets: int, inner: bool) -> Array:
+    """Return one contact's rows: u·t ≤ mu n for directions u all around, shape (·, dim).
+
+    The regular polygon around a circle has its corners at 1/cos(pi/facets) radii, so that the
+    one with cos(pi/facets)·mu is inside. A soft finger's ball takes such polygons of longitudes
+    and of latitudes, and the cosine twice.
+    """
+    if isinstance(model, FPC):
+        return np.array([[-1.0]])
+    around = 2 * math.pi * np.arange(facets) / facets
+    u = np.column_stack((np.cos(around), np.sin(around)))
+    inside = math.cos(math.pi / facets) if inner else 1.0
+    if isinstance(model, SFC):
+        latitude = math.pi * (2 * np.arange(facets // 2 + 1) / facets - 0.5)
+        cos, sin = np.cos(latitude), np.sin(latitude) * model.mu / model.gamma
+        u = np.column_stack((np.kron(cos[:, None], u), np.repeat(sin, facets)))
+        inside = inside**2
+    return np.column_stack((np.full(len(u), -inside * model.mu), u))

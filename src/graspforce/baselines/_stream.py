@@ -1,0 +1,114 @@
+"""A method by somebody else's solver, on one problem or on a stream of problems.
+
+A solver has a workspace (factorisation pattern, memory, the last answer) that is worth keeping
+in a control loop. :class:`Stream` keeps it: the constructor sets it up for the first problem,
+and each ``solve`` passes new numbers where the problem is another one. The workspace is made anew
+only where the shape of the program changes, as when a contact leaves the grasp. Each method has a
+subclass ``Prepared``, and its ``solve(problem)`` is ``Prepared(problem).solve(problem)``.
+
+What the solver claims is judged here, the same for all: W c = f to the last digits, a wrench out of
+reach, a proof with every infeasibility.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+
+from graspforce import reference
+from graspforce._arrays import Array
+from graspforce.baselines._active import Active, known_at_once, nothing, priced
+from graspforce.baselines._start import feasible_start
+from graspforce.outcome import Status
+from graspforce.problem import ForceProblem
+from graspforce.solution import WRENCH_TOLERANCE, Solution
+
+
+class Found(NamedTuple):
+    """What a solver says.
+
+    Attributes:
+        status: SOLVED, UNBOUNDED, MAX_STEPS, or STALLED for any other end, a claim of
+            infeasibility among them: that needs a proof.
+        steps: its iterations.
+        c: contact forces, shape (m,); only a guess unless SOLVED.
+        nu: multipliers of W c = f, shape (k,), for the method's objective.
+    """
+
+    status: Status
+    steps: int
+    c: Array
+    nu: Array
+
+
+class Stream(ABC):
+    """A method with its solver's workspace.
+
+    Args:
+        problem: the first problem of the stream.
+    """
+
+    def __init__(self, problem: ForceProblem) -> None:
+        self._take(problem)
+
+    def solve(self, problem: ForceProblem) -> Solution:
+        """Solve the next problem; the one that this was made with is not passed again."""
+        if problem is not self._problem:
+            self._take(problem)
+        view = self._view
+        if view is None:
+            return self._known
+        with np.errstate(all="ignore"):
+            try:
+                return _judged(view, self._run(view, self._unit))
+            except np.linalg.LinAlgError:
+                return nothing(problem, Status.INVALID_NUMBERS)
+
+    def _take(self, problem: ForceProblem) -> None:
+        known = known_at_once(problem)
+        self._problem = problem
+        self._view = Active.of(problem) if known is None else None
+        if known is not None:
+            self._known = known
+        elif self._view is not None:
+            # Solvers' tolerances are absolute, so forces are in units of the wrench's size.
+            self._unit = float(np.abs(problem.f).max()) or 1.0
+            self._load(self._view, self._unit)
+
+    @abstractmethod
+    def _load(self, view: Active, unit: float) -> None:
+        """Set the workspace up, or pass it the numbers of the next problem.
+
+        Args:
+            view: the problem.
+            unit: of force in the solver's program [N].
+        """
+
+    @abstractmethod
+    def _run(self, view: Active, unit: float) -> Found:
+        """Run the solver on what was loaded; forces and multipliers are back in SI units."""
+
+
+def _judged(view: Active, found: Found) -> Solution:
+    """Return the answer that the solver's words are worth."""
+    problem, c, status = view.problem, found.c, found.status
+    if status is Status.SOLVED:
+        off = problem.f - view.W @ c
+        size = np.abs(problem.f).max() + (np.abs(view.W) @ np.abs(c)).max()
+        if np.abs(off).max() > WRENCH_TOLERANCE / 10 * size:
+            # Solvers balance the wrench to their tolerance; the rest is a least-norm correction.
+            c = c + reference.least_squares(view.W, off)
+            off = problem.f - view.W @ c
+        if np.abs(off).max() <= WRENCH_TOLERANCE * size:
+            return priced(view, status, found.steps, c, found.nu)
+        status = Status.STALLED
+    if not reference.wrench_reachable(problem):
+        return nothing(problem, Status.WRENCH_UNREACHABLE)
+    if status is Status.UNBOUNDED:
+        return nothing(problem, status)
+    start = feasible_start(view)
+    if isinstance(start, Solution) and start.status is Status.INFEASIBLE:
+        return start
+    return priced(view, status, found.steps, c, found.nu)

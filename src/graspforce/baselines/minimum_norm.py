@@ -1,0 +1,34 @@
+"""Pseudo-inverse: the least-norm force that balances the wrench, and nothing else.
+
+    minimise  ‖c‖²/2   with W c = f,   so c = W⁺ f
+
+Eq. (17) with lam = 0, and what a few lines of NumPy do. It knows no friction cone, no torque limit
+and no ceiling; fingers may even pull. SOLVED means here that W c = f holds with the least norm, no
+more: how far the forces violate the rest is what the margins of the Solution tell. INFEASIBLE
+it never says, because it asks for nothing that could be.
+"""
+
+from __future__ import annotations
+
+from graspforce import reference
+from graspforce.baselines._active import Active, answer, run
+from graspforce.outcome import Status
+from graspforce.problem import ForceProblem
+from graspforce.solution import Solution
+
+
+def solve(problem: ForceProblem) -> Solution:
+    """Return c = W⁺ f.
+
+    Args:
+        problem: what to solve; only W, f and which contacts are in the grasp have a part.
+
+    Returns:
+        The forces; ``newton_steps`` is 1, the one linear solve.
+    """
+    return run(problem, _solve)
+
+
+def _solve(view: Active) -> Solution:
+    c, _ = reference.particular_and_nullspace(view.W, view.problem.f)
+    return answer(view, Status.SOLVED, 1, c, c)
