@@ -6,6 +6,7 @@ from grasps import components, cone_matrix, plant
 from scipy import optimize, sparse
 
 import graspforce as gf
+from graspforce.baselines._pyramids import facet_rows
 
 
 def limits(problem):
@@ -32,37 +33,85 @@ def removed_columns(problem):
     return np.eye(problem.m)[~kept]
 
 
-def socp(problem, objective):
-    """Least Σ normal forces ("normals") or ‖c‖²/2 ("norm") by Clarabel's second-order cones."""
+def socp(problem, objective, facets=None, inner=True):
+    """The optimum of an objective under cones and limits, by Clarabel.
+
+    Args:
+        problem: what to solve.
+        objective: Σ normal forces ("normals"), the largest one ("normal") or ‖c‖²/2 ("norm"), to
+            be least; or the smallest distance to all limits ("distance"), to be most.
+        facets: of pyramids in the cones' place.
+        inner: pyramids inscribed in the cones rather than around them.
+
+    Returns:
+        its value, and the forces.
+    """
     parts = components(problem.models)
     A, b = limits(problem)
     out = removed_columns(problem)
-    cones = []
-    for model, part, here in zip(problem.models, parts, problem.engagement > 1e-6, strict=True):
-        if here:
-            M = np.zeros((model.dim, problem.m))
-            M[:, part] = cone_matrix(model)
-            cones.append(M)
-    q, P = np.zeros(problem.m), np.zeros((problem.m, problem.m))
+    m, there = problem.m, problem.engagement > 1e-6
+    # Torsions count in units of gamma/mu in the length of a row.
+    units = np.ones(m)
+    flat, round_cones = [A], []
+    for model, part, here in zip(problem.models, parts, there, strict=True):
+        if not here:
+            continue
+        L = cone_matrix(model)
+        units[part] = np.diag(L) / np.where(np.arange(model.dim) == 0, L[0, 0], 1)
+        if facets is None:
+            M = np.zeros((model.dim, m))
+            M[:, part] = L
+            round_cones.append((M, np.hypot(1, L[0, 0]) if model.dim > 1 else 1.0))
+        else:
+            rows = np.unique(facet_rows(model, facets, inner).round(12), axis=0)  # poles repeat
+            M = np.zeros((len(rows), m))
+            M[:, part] = rows
+            flat.append(M)
+    flat = np.vstack(flat)
+    right = np.concatenate([b, np.zeros(len(flat) - len(b))])
+    # One variable more, the largest normal force or the distance.
+    q, P, last = np.zeros(m + 1), np.zeros((m + 1, m + 1)), np.zeros(len(flat))
+    starts = np.array([part.start for part in parts])
     if objective == "normals":
-        q[[part.start for part in parts]] = 1.0
+        q[starts] = 1.0
+    elif objective == "norm":
+        P[:m, :m] = np.eye(m)
+    elif objective == "distance":
+        q[m], last = -1.0, np.linalg.norm(flat / units, axis=1)
     else:
-        P = np.eye(problem.m)
-    rows = np.vstack([problem.W, out, A, *[-M for M in cones]])
-    zeros = np.zeros(sum(len(M) for M in cones))
-    right = np.concatenate([problem.f, np.zeros(len(out)), b, zeros])
-    kinds = [clarabel.ZeroConeT(len(problem.f) + len(out)), clarabel.NonnegativeConeT(len(b))]
+        q[m] = 1.0
+        flat, right = np.vstack([flat, np.eye(m)[starts]]), np.append(right, np.zeros(len(starts)))
+        last = np.append(last, -np.ones(len(starts)))
+    cones = []
+    for M, length in round_cones:
+        top = np.where(np.arange(len(M)) == 0, length if objective == "distance" else 0.0, 0.0)
+        cones.append(np.column_stack([-M, top]))
+    equations = np.vstack([problem.W, out, *([] if q[m] else [np.zeros((1, m))])])
+    own = np.zeros(len(equations))
+    if not q[m]:
+        own[-1] = 1.0  # the variable has no part: zero
+    rows = np.vstack([
+        np.column_stack([equations, own]), np.column_stack([flat, last]), *cones,
+    ])  # fmt: skip
+    bounds = np.concatenate([
+        problem.f, np.zeros(len(equations) - len(problem.f)), right,
+        np.zeros(sum(map(len, cones))),
+    ])  # fmt: skip
+    kinds = [clarabel.ZeroConeT(len(equations)), clarabel.NonnegativeConeT(len(flat))]
     kinds += [clarabel.SecondOrderConeT(len(M)) for M in cones]
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix(P), q, sparse.csc_matrix(rows), right, kinds, settings
-    )
-    found = solver.solve()
+    for tol in (1e-10, 1e-9, 1e-8):  # a degenerate linear program ends a digit or two earlier
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tol
+        found = clarabel.DefaultSolver(
+            sparse.csc_matrix(P), q, sparse.csc_matrix(rows), bounds, kinds, settings
+        ).solve()
+        if str(found.status) == "Solved":
+            break
     assert str(found.status) == "Solved"
-    return found.obj_val, np.array(found.x)
+    value = -found.obj_val if objective == "distance" else found.obj_val
+    return value, np.array(found.x)[:m]
 
 
 def effort_and_barrier(problem, c, barrier):

@@ -26,6 +26,10 @@ from graspforce.problem import ForceProblem
 from graspforce.solution import WRENCH_TOLERANCE, Solution
 
 
+# An answer whose wrench is further off than this, relative to the forces, is none.
+LARGEST_CORRECTION = 1e-5
+
+
 class Found(NamedTuple):
     """What a solver says.
 
@@ -97,7 +101,7 @@ def _judged(view: Active, found: Found) -> Solution:
     if status is Status.SOLVED:
         off = problem.f - view.W @ c
         size = np.abs(problem.f).max() + (np.abs(view.W) @ np.abs(c)).max()
-        if np.abs(off).max() > WRENCH_TOLERANCE / 10 * size:
+        if WRENCH_TOLERANCE / 10 * size < np.abs(off).max() <= LARGEST_CORRECTION * size:
             # Solvers balance the wrench to their tolerance; the rest is a least-norm correction.
             c = c + reference.least_squares(view.W, off)
             off = problem.f - view.W @ c

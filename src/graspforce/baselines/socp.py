@@ -26,7 +26,7 @@ from graspforce.solution import Solution
 
 # What each solver reaches on nearly all grasps, and how many iterations it may take for that.
 _TOLERANCES = {"qoco": 1e-8}
-_MAX_STEPS = {"scs": 100_000}
+_MAX_STEPS = {"scs": 20_000}
 
 Solver: TypeAlias = Literal["clarabel", "qoco", "scs", "ecos", "moreau"]
 Objective: TypeAlias = Literal["normal", "norm"]
@@ -97,7 +97,7 @@ def solve(
         solver: which package solves it.
         tol: the tolerance that the solver is asked for, absolute and relative, forces in units
             of the wrench's largest component; default 1e-9, of QOCO 1e-8.
-        max_steps: the most iterations; default 200, of SCS 100 000.
+        max_steps: the most iterations; default 200, of SCS 20 000.
 
     Returns:
         The forces, margins zero to the tolerance; ``newton_steps`` counts the solver's

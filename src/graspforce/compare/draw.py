@@ -48,12 +48,15 @@ def _fingers(axes: Any, row: Measured, t: Any) -> None:
     """Draw a line a finger; only single ticks as dots where a part of them was run."""
     times, whole = t[row.ran], len(row.ran) == row.of
     for finger, forces in enumerate(np.asarray(row.normal_forces).T):
-        look = {"drawstyle": "steps-post", "linewidth": 1.0} if whole else _DOTS
+        # Fingers that carry the same do not hide one another.
+        line = {"drawstyle": "steps-post", "linewidth": 1.2, "linestyle": style.DASHES[finger % 4]}
+        look = line if whole else _DOTS
         axes.plot(
             times, forces, color=style.FINGERS[finger % 4], label=f"finger {finger + 1}", **look
         )
     if row.largest_normal is not None:
-        axes.set_ylim(0, 1.08 * row.largest_normal)
+        lowest = float(np.nanmin(np.asarray(row.normal_forces)))  # below zero a finger pulls
+        axes.set_ylim(min(0.0, 1.08 * lowest), 1.08 * row.largest_normal)
 
 
 def draw_times(found: Comparison, task: str) -> Figure:

@@ -1,5 +1,9 @@
 """Floating-point operations of one step of each method, by formula.
 
+The solvers whose iterations factorise sparse matrices (HiGHS, Clarabel with second-order and
+exponential cones) have none here: what a step costs them is decided by pattern and fill. For
+these ``benchmarks/instructions.py`` counts what the machine executes, as for all the others.
+
 A multiplication and an addition are one each, a division or a square root one. Symmetry is used
 where the code uses it. n contacts of d components, m = Σ d; v linear limits; k rows of W;
 q = m − rank W null-space coordinates.
@@ -115,6 +119,22 @@ def neural_network(problem: ForceProblem) -> float:
     return 2 * evaluation + 4 * neurons**2 + 2 * neurons**3 / 3 / 5
 
 
+def minimum_norm(problem: ForceProblem) -> float:
+    """The singular value decomposition with all vectors, W = U S V.T (4 m² k + 8 m k² + 9 k³)."""
+    _, m, _, k, _ = _sizes(problem)
+    return 4 * m * m * k + 8 * m * k * k + 9 * k**3
+
+
+def qp(problem: ForceProblem) -> float:
+    """A change of DAQP's active set, taken to be of m constraints.
+
+    The factor's update and two triangular solves (3 m²), the forces from the multipliers (2 m²),
+    and the slack of all v limits and 8 facets a contact (2 m each).
+    """
+    dims, m, v, _, _ = _sizes(problem)
+    return 5 * m * m + 2 * m * (v + 8 * len(dims))
+
+
 STEP: dict[str, Callable[[ForceProblem], float]] = {
     "wbf": wbf,
     "sdp": sdp,
@@ -122,5 +142,7 @@ STEP: dict[str, Callable[[ForceProblem], float]] = {
     "gradient_flow": gradient_flow,
     "compact_dual": compact_dual,
     "neural_network": neural_network,
+    "minimum_norm": minimum_norm,
+    "qp": qp,
 }
 """The formula of every method that has one, by its name."""

@@ -6,6 +6,8 @@ import importlib
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from graspforce.baselines import METHODS
 from graspforce.errors import InvalidInputError
@@ -15,7 +17,9 @@ from graspforce.solution import Solution
 from graspforce.solve import solve
 
 WBF = "wbf"
-NAMES: tuple[str, ...] = (WBF, *METHODS)
+# A baseline with other options than its defaults, as a method of its own.
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {"socp_norm": ("socp", {"objective": "norm"})}
+NAMES: tuple[str, ...] = (WBF, *sorted((*METHODS, *VARIANTS)))
 """Every method that there is, installed or not."""
 
 
@@ -31,8 +35,8 @@ class Method:
     Attributes:
         name: one of ``NAMES``.
         cold: solves a problem from scratch.
-        warm: makes a function that solves a stream of problems, each from the one before; None
-            for a method that cannot.
+        warm: makes a function that solves a stream of problems, each from the one before or in
+            the workspace kept from it; None for a method that cannot.
     """
 
     name: str
@@ -53,11 +57,15 @@ def method(name: str) -> Method:
     """
     if name == WBF:
         return Method(WBF, solve, _Stream)
-    if name not in METHODS:
+    if name not in NAMES:
         raise InvalidInputError(f"methods: got {name!r}, expected one of {', '.join(NAMES)}")
-    baseline: Callable[..., Solution] = importlib.import_module(METHODS[name]).solve
-    restarts = "start" in inspect.signature(baseline).parameters
-    return Method(name, baseline, (lambda: _Restart(baseline)) if restarts else None)
+    base, options = VARIANTS.get(name, (name, {}))
+    module = importlib.import_module(METHODS[base])
+    cold = partial(module.solve, **options)
+    if hasattr(module, "Prepared"):
+        return Method(name, cold, lambda: _Update(partial(module.Prepared, **options)))
+    restarts = "start" in inspect.signature(module.solve).parameters
+    return Method(name, cold, (lambda: _Restart(cold)) if restarts else None)
 
 
 def chosen(names: Sequence[str] | None) -> list[Method]:
@@ -85,6 +93,19 @@ class _Stream:
             J=problem.J if problem.layout.joints else None,
             engagement=problem.engagement if ceilings else None,
         )
+
+
+class _Update:
+    """A method whose solver keeps its workspace, made when the first problem comes."""
+
+    def __init__(self, prepare: Callable[[ForceProblem], Any]) -> None:
+        self._prepare = prepare
+        self._prepared: Any = None
+
+    def __call__(self, problem: ForceProblem) -> Solution:
+        if self._prepared is None:
+            self._prepared = self._prepare(problem)
+        return self._prepared.solve(problem)
 
 
 class _Restart:

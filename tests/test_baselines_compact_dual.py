@@ -11,7 +11,8 @@ from scipy.optimize import linprog
 import graspforce as gf
 from graspforce import scenarios
 from graspforce.baselines import compact_dual
-from graspforce.baselines.compact_dual import eliminate, facet_rows, simplex
+from graspforce.baselines._pyramids import facet_rows
+from graspforce.baselines.compact_dual import eliminate, simplex
 
 
 def highs(problem, facets, inner):

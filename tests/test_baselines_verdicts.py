@@ -1,22 +1,52 @@
 """What every baseline makes of problems without an answer, odd ones, and bad input."""
 
 import importlib
+import pickle
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from baseline_oracles import socp
+from baseline_oracles import socp as oracle
 from grasps import plant
 
 import graspforce as gf
 from graspforce import scenarios
-from graspforce.baselines import compact_dual, dikin, gradient_flow, neural_network, sdp
+from graspforce.baselines import (
+    compact_dual,
+    dikin,
+    gradient_flow,
+    lp,
+    minimum_norm,
+    neural_network,
+    qp,
+    sdp,
+    socp,
+    wbf_conic,
+)
 
-OWN = (compact_dual, dikin, gradient_flow, neural_network, sdp)
+
+class Socp:
+    """The second-order cone program by another solver, as if it were a module."""
+
+    def __init__(self, solver, objective):
+        self.__name__ = f"socp_{solver}"
+        self._options = {"solver": solver, "objective": objective}
+
+    def solve(self, problem, **options):
+        return socp.solve(problem, **self._options, **options)
 
 
-@pytest.fixture(params=OWN, ids=lambda module: module.__name__.rsplit(".", 1)[1])
+QOCO, SCS = Socp("qoco", "norm"), Socp("scs", "norm")
+METHODS = (
+    compact_dual, dikin, gradient_flow, lp, neural_network, qp, sdp, socp, QOCO, SCS, wbf_conic,
+)  # fmt: skip
+PYRAMIDS = (compact_dual, lp, qp)
+# Their objectives ask for a firmer grip as long as nothing limits it.
+ENDLESS = (lp, wbf_conic)
+
+
+@pytest.fixture(params=METHODS, ids=lambda module: module.__name__.rsplit(".", 1)[-1])
 def method(request):
     return request.param
 
@@ -44,7 +74,7 @@ def test_overload_is_infeasible_with_a_proof(method, rng):
 
 def test_slightly_too_heavy_is_infeasible_slightly_less_is_not(method):
     problem = opposed(c_max=10)  # carries 2·0.5·10 N
-    options = {"facets": 128} if method is compact_dual else {}
+    options = {"facets": 128} if method in PYRAMIDS else {}
     under = method.solve(problem.replace(f=[0, 0, 9.99, 0, 0, 0]), **options)
     assert under.status is gf.Status.SOLVED
     over = method.solve(problem.replace(f=[0, 0, 10.01, 0, 0, 0]), **options)
@@ -65,8 +95,8 @@ def test_grasp_map_of_any_rank(method, model):
     solution = method.solve(problem)
     assert solution.status is gf.Status.SOLVED
     assert solution.wrench_error < 1e-9
-    if method is neural_network:
-        assert solution.c == pytest.approx(socp(problem, "norm")[1], abs=1e-5)
+    if method in (neural_network, QOCO, SCS):
+        assert solution.c == pytest.approx(oracle(problem, "norm")[1], abs=1e-5)
 
 
 def test_a_removed_contact_has_no_force(method, rng):
@@ -84,12 +114,34 @@ def test_all_contacts_removed(method):
     assert method.solve(heavy).status is gf.Status.WRENCH_UNREACHABLE
 
 
-def test_no_limits_at_all_has_a_least_effort(method):
+def test_no_limits_at_all_has_a_least_effort_but_no_firmest_grip(method):
     solution = method.solve(opposed())
+    if method in ENDLESS:
+        assert solution.status is gf.solve(opposed()).status is gf.Status.UNBOUNDED
+        assert not solution.c.any()
+        return
     assert solution.status is gf.Status.SOLVED
-    if method in (compact_dual, neural_network):  # mu = 0.5, and the pyramid's at its facet
-        least = 2 / np.cos(np.pi / 8) if method is compact_dual else 2
+    if method not in (dikin, gradient_flow, sdp):  # mu = 0.5, and the pyramid's at its facet
+        least = 2 / np.cos(np.pi / 8) if method in PYRAMIDS else 2
         assert solution.normal_forces == pytest.approx([least, least], abs=1e-6)
+
+
+def test_a_far_limit_is_a_limit():
+    # The grip that the logarithms want grows with the ceiling, for ever only without one.
+    for c_max in (1e3, 1e8):
+        solution = wbf_conic.solve(opposed(c_max=c_max))
+        wanted = gf.solve(opposed(c_max=c_max))
+        assert solution.status is gf.Status.SOLVED
+        assert solution.phi == pytest.approx(wanted.phi, abs=1e-5)
+
+
+def test_one_contact_without_limits_among_others():
+    contacts = [gf.Contact((s * 0.04, 0, 0), (-s, 0, 0), gf.PCWF(0.5)) for s in (1, -1)]
+    row = np.zeros((1, 6))
+    row[0, 1] = 1.0  # a tangential force has a limit, the squeeze has none
+    problem = gf.Grasp(contacts).problem([0, 0, 2, 0, 0, 0], A=row, b=[3.0])
+    for method in (gf, wbf_conic):
+        assert method.solve(problem).status is gf.Status.UNBOUNDED
 
 
 def test_forces_that_the_wrench_alone_decides(method):
@@ -128,6 +180,9 @@ def test_bad_options(method):
         for barrier in (0, -1, np.nan):
             with pytest.raises(gf.InvalidInputError, match="barrier"):
                 method.solve(problem, barrier=barrier)
+    if method in (socp, QOCO, wbf_conic):
+        with pytest.raises(gf.InvalidInputError, match="tol"):
+            method.solve(problem, tol=0)
     if method in (dikin, gradient_flow, neural_network):
         with pytest.raises(gf.InvalidInputError, match="tol"):
             method.solve(problem, tol=0)
@@ -143,13 +198,63 @@ def test_bad_options_of_the_sdp():
         sdp.solve(problem, objective="torque")
 
 
+def test_minimum_norm_has_the_verdicts_that_need_no_limits():
+    assert minimum_norm.solve(opposed(f=(0, 0, 900, 0, 0, 0), c_max=10)).status is gf.Status.SOLVED
+    unreachable = minimum_norm.solve(opposed(f=(0, 0, 1, 0.5, 0, 0), c_max=10))
+    assert unreachable.status is gf.Status.WRENCH_UNREACHABLE
+    huge = opposed(c_max=1e300).replace(f=[0, 0, 1e300, 0, 0, 0])
+    assert minimum_norm.solve(huge).status is gf.Status.INVALID_NUMBERS
+    empty = opposed(f=np.zeros(6), c_max=10).replace(engagement=0.0)
+    assert minimum_norm.solve(empty).status is gf.Status.SOLVED
+
+
 @pytest.mark.parametrize(
-    ("module", "package"), [(sdp, "clarabel"), (sdp, "scipy"), (neural_network, "scipy.integrate")]
+    ("module", "package", "extra"),
+    [
+        (sdp, "clarabel", "baselines"),
+        (sdp, "scipy", "baselines"),
+        (neural_network, "scipy.integrate", "baselines"),
+        (socp, "clarabel", "baselines"),
+        (socp, "scipy.sparse", "baselines"),
+        (wbf_conic, "clarabel", "baselines"),
+        (lp, "highspy", "baselines"),
+        (qp, "daqp", "baselines"),
+        (QOCO, "qoco", "solvers"),
+        (SCS, "scs", "solvers"),
+    ],
 )
-def test_a_missing_package_names_its_pip_line(module, package, monkeypatch):
+def test_a_missing_package_names_its_pip_line(module, package, extra, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(gf.MissingExtraError, match=r"pip install 'graspforce\[baselines\]'"):
+    with pytest.raises(gf.MissingExtraError, match=rf"pip install 'graspforce\[{extra}\]'"):
         module.solve(opposed(c_max=10))
+
+
+@pytest.mark.parametrize("package", ["ecos", "moreau"])
+def test_a_missing_package_of_no_extra_is_named_itself(package, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(gf.MissingExtraError, match=f"pip install {package}$") as caught:
+        socp.solve(opposed(c_max=10), solver=package)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+@pytest.mark.parametrize("solver", ["ecos", "moreau"])
+def test_solvers_that_no_extra_brings(solver):
+    pytest.importorskip(solver)
+    for objective in ("normal", "norm"):
+        problem = scenarios.get("regrasp").problem(0.6)
+        solution = socp.solve(problem, solver=solver, objective=objective)
+        assert solution.status is gf.Status.SOLVED
+        value = oracle(problem, objective)[0]
+        c = solution.c
+        found = solution.normal_forces.max() if objective == "normal" else c @ c / 2
+        assert found == pytest.approx(value, abs=1e-6)
+        heavy = socp.solve(problem.replace(f=40 * problem.f), solver=solver, objective=objective)
+        assert heavy.status is gf.Status.INFEASIBLE
+        kept = socp.Prepared(problem, solver=solver, objective=objective)
+        other = scenarios.get("regrasp").problem(0.7)
+        assert kept.solve(other).nu == pytest.approx(
+            socp.solve(other, objective=objective).nu, abs=1e-3
+        )
 
 
 def test_every_method_is_listed_and_imports_light():
@@ -162,4 +267,5 @@ def test_every_method_is_listed_and_imports_light():
         "print(*sorted({name.split('.')[0] for name in sys.modules}))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"scipy", "clarabel", "highspy", "matplotlib"} & set(run.stdout.split())
+    heavy = {"scipy", "clarabel", "highspy", "daqp", "qoco", "scs", "matplotlib"}
+    assert not heavy & set(run.stdout.split())

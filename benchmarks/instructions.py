@@ -1,0 +1,160 @@
+"""How many instructions a tick of each method executes, counted by Valgrind.
+
+Formulas (``graspforce.compare.flops``) count arithmetic; this counts everything that the machine
+does, Python's part included, on the paper's dynamic task. Hardware counters are often closed to
+virtual machines, so Callgrind simulates: a child process runs a method a few times, another one
+some times more, and the difference of their totals is what the further ticks took. Needs
+``valgrind`` (apt-get install valgrind) and some minutes: ``python benchmarks/instructions.py``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import gc
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from graspforce import _engine, scenarios
+from graspforce.baselines import socp
+from graspforce.compare import methods
+from graspforce.report.machine import describe_machine
+
+FIRST = 2  # ticks that warm up, in a stream and otherwise
+FEW = {"gradient_flow": 1, "neural_network": 2}  # ticks to count; of the others MANY
+MANY = 10
+NATIVE = 500
+
+# A name, how many ticks to count, and what makes a function that runs so many.
+Work = tuple[str, int, Callable[[], Callable[[int], object]]]
+
+
+def works() -> list[Work]:
+    """Everything to count, cold and warm."""
+    problems = list(scenarios.dynamic().problems())
+
+    def ticks(make: Callable[[], Callable[..., object]]) -> Callable[[], Callable[[int], object]]:
+        def prepare() -> Callable[[int], object]:
+            call = make()
+            for problem in problems[:FIRST]:
+                call(problem)
+            return lambda count: [call(problem) for problem in problems[FIRST : FIRST + count]]
+
+        return prepare
+
+    found: list[Work] = []
+    for cold in (True, False):
+        found.append((f"wbf, C++ alone|{cold}", NATIVE, lambda cold=cold: _native(problems, cold)))
+    for name in methods.NAMES:
+        method, count = methods.method(name), FEW.get(name, MANY)
+        found.append((f"{name}|True", count, ticks(lambda method=method: method.cold)))
+        if method.warm is not None:
+            found.append((f"{name}|False", count, ticks(method.warm)))
+    for solver in ("qoco", "scs", "ecos", "moreau"):
+        if importlib.util.find_spec(solver) is None:
+            continue
+        options = {"solver": solver, "objective": "norm"}
+        found.append((
+            f"socp_norm, {solver}|True", MANY,
+            ticks(lambda options=options: lambda problem: socp.solve(problem, **options)),
+        ))  # fmt: skip
+        found.append((
+            f"socp_norm, {solver}|False", MANY,
+            ticks(lambda options=options: socp.Prepared(problems[0], **options).solve),
+        ))  # fmt: skip
+    return found
+
+
+def _native(problems: list, cold: bool) -> Callable[[int], object]:
+    import numpy as np
+
+    def run(count: int) -> object:
+        stream = np.stack([problem.packed for problem in problems[:count]])
+        return _engine.module.time_ticks(*problems[0].layout, stream, 1, 1e-9, 100, cold)
+
+    return run
+
+
+def count_all() -> None:
+    """Fork a child for every count; runs under Valgrind, one output file a process."""
+    gc.disable()
+    for name, count, prepare in works():
+        run = prepare()
+        for ticks in (count, 2 * count):
+            child = os.fork()
+            if child == 0:
+                run(ticks)
+                os._exit(0)
+            os.waitpid(child, 0)
+            print(f"{child}|{name}|{ticks}", flush=True)
+
+
+def measure(tell: Callable[[str], None]) -> dict[tuple[str, bool], float]:
+    """Return instructions a tick by name and whether from scratch."""
+    quiet = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["valgrind", "--quiet", "--tool=callgrind", f"--callgrind-out-file={folder}/%p",
+                   sys.executable, __file__, "--inside"]  # fmt: skip
+        run = subprocess.Popen(command, env=os.environ | quiet, stdout=subprocess.PIPE, text=True)
+        totals: dict[tuple[str, bool], list[tuple[int, int]]] = {}
+        assert run.stdout is not None
+        for line in run.stdout:
+            child, name, cold, ticks = line.strip().split("|")
+            tell(name)
+            key = (name, cold == "True")
+            totals.setdefault(key, []).append((int(ticks), _total(Path(folder) / child)))
+        if run.wait():
+            raise SystemExit("valgrind, or what it ran, failed")
+    return {
+        key: (more - less) / (many - few) for key, [(few, less), (many, more)] in totals.items()
+    }
+
+
+def _total(path: Path) -> int:
+    """Return the instructions that a Callgrind file sums up to."""
+    lines = [line for line in path.read_text().splitlines() if line.startswith("totals:")]
+    return int(lines[-1].split()[1])
+
+
+def table(found: dict[tuple[str, bool], float]) -> Table:
+    result = Table(title="thousand instructions a tick, the paper's dynamic task")
+    for heading in ("method", "from scratch", "from the tick before"):
+        result.add_column(heading, justify="left" if heading == "method" else "right")
+    for name in dict.fromkeys(name for name, _ in found):
+        values = [found.get((name, cold)) for cold in (True, False)]
+        result.add_row(name, *("–" if v is None else f"{v / 1e3:,.1f}" for v in values))
+    return result
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--save", type=Path, help="write the table to this file")
+    parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.inside:
+        count_all()
+        return 0
+    console = Console()
+    with console.status("counting") as status:
+        found = measure(lambda name: status.update(f"counted {name}"))
+    machine = describe_machine()
+    for each in (console, options.save and Console(file=options.save.open("w"), width=90)):
+        if each:
+            each.print(table(found))
+            each.print(
+                f"Callgrind on {machine['cpu']}, Python {machine['python']}, "
+                f"{datetime.date.today()}"
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
