@@ -4,10 +4,17 @@ The reference forces were computed elsewhere to a remaining Newton step below 1e
 largest normal forces and feasibility by Clarabel.
 """
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import graspforce as gf
+from graspforce.baselines import lp, socp
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+import linearised_cones
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +76,44 @@ def test_a_light_grip_comes_near_the_least_possible(allegro, alpha, ratio):
             ratios.append(solution.normal_forces.max() / allegro["ref_min_max_normal"][i])
     assert min(ratios) >= 1 - 1e-9
     assert np.median(ratios) < ratio
+
+
+def test_the_least_largest_normal_force_is_the_references(allegro):
+    feasible = allegro["ref_status"] == "Solved"
+    wanted = allegro["ref_min_max_normal"]
+    for i, problem in enumerate(problems(allegro, 5)):
+        solution = socp.solve(problem)
+        if feasible[i]:
+            assert solution.status is gf.Status.SOLVED
+            assert solution.normal_forces.max() == pytest.approx(wanted[i], abs=1e-6)
+        else:
+            assert solution.status is gf.Status.INFEASIBLE
+            assert solution.verify().ok
+        if i % 10 == 0 and feasible[i]:
+            inner, outer = (
+                lp.solve(problem, facets=64, cones=cones, objective="normal").normal_forces.max()
+                for cones in ("inner", "outer")
+            )
+            assert outer - 1e-9 <= wanted[i] <= inner + 1e-9
+            assert inner - outer < 0.02 * wanted[i]
+
+
+def test_linearised_cones_lose_grasps_or_leave_the_cones(shared_data):
+    """The kept table in short: inner pyramids squeeze harder, outer ones slip nearly always."""
+    every = list(linearised_cones.grasps(shared_data / "allegro_ycb.npz"))
+    assert len(every) == 6 * 193
+    four, eight = linearised_cones.judge(every[::7], facets=(4, 8))
+    assert four.feasible == eight.feasible > 120
+    assert np.median(four.norms**2) == pytest.approx(1.22, abs=0.05)
+    assert np.median(eight.norms**2) == pytest.approx(1.05, abs=0.02)
+    assert min(four.norms.min(), eight.norms.min()) > 1 - 1e-6
+    assert four.left > 0.98 * four.feasible
+    assert eight.left > 0.95 * eight.feasible
+
+
+def test_inner_pyramids_call_feasible_grasps_infeasible(shared_data):
+    every = list(linearised_cones.grasps(shared_data / "allegro_ycb.npz"))
+    lost = [every[i] for i in (33, 34, 51, 536, 698, 699, 700)]
+    assert all(gf.solve(problem).verify().ok for problem in lost)
+    (row,) = linearised_cones.judge(lost, facets=(4,))
+    assert row.lost == row.feasible == len(lost)

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from grasps import plant
 from typer.testing import CliRunner
 
 import graspforce as gf
@@ -22,7 +23,8 @@ def found():
 
 
 def test_every_method_is_run_or_named_as_missing():
-    assert ("wbf", *baselines.METHODS) == compare.NAMES
+    assert compare.NAMES[0] == "wbf"
+    assert set(compare.NAMES) == {"wbf", "socp_norm", *baselines.METHODS}
     assert [each.name for each in methods.chosen(None)] == list(compare.NAMES)
 
 
@@ -81,6 +83,47 @@ def test_warm_ticks_take_one_step(found):
     assert dikin.warm_iterations[1::2].mean() < dikin.iterations.mean() / 2
 
 
+def test_kept_workspaces_are_warm_and_answer_the_same():
+    found = compare.compare(["static"], ["lp", "qp", "socp", "socp_norm", "wbf_conic"])
+    for row in found.rows:
+        assert row.warm_us is not None
+        assert row.solved == row.of == 20
+        cold = methods.method(row.method).cold(compare.task("static").problems[0])
+        assert row.normal_forces[-1] == pytest.approx(cold.normal_forces, abs=2e-4)
+    pivots = found.of("static", "lp")
+    assert pivots.warm_iterations[1:].max() == 0
+    assert pivots.iterations.min() > 10
+
+
+def test_the_norm_and_the_largest_normal_are_different_programs(rng):
+    problem = plant(rng, ["PCWF"] * 5).problem
+    one, two = (methods.method(name).cold(problem) for name in ("socp", "socp_norm"))
+    assert one.normal_forces.max() < two.normal_forces.max() - 1e-3
+    assert one.c @ one.c > two.c @ two.c + 1e-3
+
+
+def test_the_regrasp_runs_under_every_method():
+    """Round the two moments, where the forces change fastest; the largest jump of each."""
+    whole = compare.task("regrasp")
+    around = [124, 125, 126, 375, 376, 377]
+    task = compare.Task("regrasp", tuple(whole.problems[i] for i in around), whole.t[around])
+    jumps = {}
+    for method in methods.chosen(None):
+        row = measure(method, task, whole=method.name != "gradient_flow")
+        assert row.failures == row.infeasible == 0
+        assert row.solved == len(row.ran)
+        if method.name != "gradient_flow":
+            each = row.normal_forces
+            steps = [0, 1, 3, 4]  # none from before the second moment to after it
+            jumps[method.name] = np.abs(np.diff(each, axis=0))[steps].max()
+            assert not each[2:4, 0].any()
+    assert jumps["wbf"] == pytest.approx(jumps["wbf_conic"], abs=1e-3)
+    assert jumps["wbf"] < 0.2
+    assert jumps["lp"] > 1
+    for smooth in ("dikin", "sdp", "neural_network", "qp", "socp_norm"):
+        assert 0.2 < jumps[smooth] < 0.4
+
+
 def test_flops_of_the_papers_problem():
     problem = scenarios.get("dynamic").problem(0.0)
     # 12 kflops for the dense step, 24 kflops an SDP iteration, as in Section IV-B.3
@@ -91,6 +134,8 @@ def test_flops_of_the_papers_problem():
     for formula in flops.STEP.values():
         more = problem.replace(c_max=20)
         assert 0 < formula(problem) <= formula(more)
+    # U, S and V of the 6×12 grasp map
+    assert flops.minimum_norm(problem) == 4 * 144 * 6 + 8 * 12 * 36 + 9 * 216
 
 
 def test_claims_stand_beside_the_papers(found):

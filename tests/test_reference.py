@@ -247,6 +247,12 @@ def test_decrement_is_the_length_of_the_newton_step(rng):
         assert reference.decrement(planted.c, problem) < 1e-6
 
 
+def test_decrement_on_the_boundary_is_infinite():
+    # The Hessian there is one direction's alone to rounding, which no solver can invert.
+    problem = gf.ForceProblem([[1.0, 0, 0]], [1.0], gf.PCWF(1.0), c_max=5)
+    assert reference.decrement(np.array([1, 0.5**0.5, 0.5**0.5]), problem) == math.inf
+
+
 def test_bound_on_the_decrement_after_a_full_step():
     assert reference.decrement_after(0.1) == pytest.approx((0.1 / 0.9) ** 2)
     assert reference.decrement_after(1.0) == math.inf
