@@ -20,6 +20,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -29,9 +30,8 @@ from graspforce.compare import methods
 from graspforce.report.machine import describe_machine
 
 FIRST = 2  # ticks that warm up, in a stream and otherwise
-FEW = {"gradient_flow": 1, "neural_network": 2}  # ticks to count; of the others MANY
+TICKS = {"wbf": 200, "gradient_flow": 1, "neural_network": 2}  # to count; of the others MANY
 MANY = 10
-NATIVE = 500
 
 # A name, how many ticks to count, and what makes a function that runs so many.
 Work = tuple[str, int, Callable[[], Callable[[int], object]]]
@@ -52,9 +52,11 @@ def works() -> list[Work]:
 
     found: list[Work] = []
     for cold in (True, False):
-        found.append((f"wbf, C++ alone|{cold}", NATIVE, lambda cold=cold: _native(problems, cold)))
+        found.append(
+            (f"wbf, C++ alone|{cold}", len(problems), lambda cold=cold: _native(problems, cold))
+        )
     for name in methods.NAMES:
-        method, count = methods.method(name), FEW.get(name, MANY)
+        method, count = methods.method(name), TICKS.get(name, MANY)
         found.append((f"{name}|True", count, ticks(lambda method=method: method.cold)))
         if method.warm is not None:
             found.append((f"{name}|False", count, ticks(method.warm)))
@@ -74,13 +76,11 @@ def works() -> list[Work]:
 
 
 def _native(problems: list, cold: bool) -> Callable[[int], object]:
-    import numpy as np
-
-    def run(count: int) -> object:
-        stream = np.stack([problem.packed for problem in problems[:count]])
-        return _engine.module.time_ticks(*problems[0].layout, stream, 1, 1e-9, 100, cold)
-
-    return run
+    """Whole rounds of the stream, whose first one does not count in the difference."""
+    stream, module = np.stack([problem.packed for problem in problems]), _engine.module
+    return lambda count: module.time_ticks(
+        *problems[0].layout, stream, count // len(problems), 1e-9, 100, cold
+    )
 
 
 def count_all() -> None:

@@ -25,7 +25,6 @@ from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import WRENCH_TOLERANCE, Solution
 
-
 # An answer whose wrench is further off than this, relative to the forces, is none.
 LARGEST_CORRECTION = 1e-5
 
