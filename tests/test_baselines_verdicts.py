@@ -4,6 +4,7 @@ import importlib
 import pickle
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from baseline_oracles import socp as oracle
 from grasps import plant
 
 import graspforce as gf
-from graspforce import scenarios
+from graspforce import files, scenarios
 from graspforce.baselines import (
     compact_dual,
     dikin,
@@ -24,6 +25,8 @@ from graspforce.baselines import (
     socp,
     wbf_conic,
 )
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 class Socp:
@@ -70,6 +73,13 @@ def test_overload_is_infeasible_with_a_proof(method, rng):
         assert solution.violation == pytest.approx(gf.solve(heavy).violation, rel=1e-5)
         with pytest.raises(gf.InfeasibleGraspError):
             solution.raise_if_failed()
+
+
+def test_verdicts_on_the_examples_are_those_of_solve(method):
+    for _, problem in files.read(EXAMPLES / "several_grasps.json"):
+        wanted = gf.solve(problem).status
+        assert wanted in (gf.Status.SOLVED, gf.Status.INFEASIBLE)
+        assert method.solve(problem).status is wanted
 
 
 def test_slightly_too_heavy_is_infeasible_slightly_less_is_not(method):

@@ -77,6 +77,14 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
     )
 
 
+def proved(view: Active, own: Solution) -> Solution:
+    """Return the proof that a problem is infeasible, if there is one, for a method's failure."""
+    found = feasible_start(view)
+    if isinstance(found, Solution) and found.status is Status.INFEASIBLE:
+        return found
+    return own
+
+
 def _proof(view: Active, in_c: Lmi, multipliers: list[Array]) -> tuple[Array, Array] | None:
     """Return y and z of a Certificate from the multipliers of P's blocks, if they prove any."""
     *cones, limits = multipliers

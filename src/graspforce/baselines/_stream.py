@@ -20,7 +20,7 @@ import numpy as np
 from graspforce import reference
 from graspforce._arrays import Array
 from graspforce.baselines._active import Active, known_at_once, nothing, priced
-from graspforce.baselines._start import feasible_start
+from graspforce.baselines._start import proved
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import WRENCH_TOLERANCE, Solution
@@ -111,7 +111,4 @@ def _judged(view: Active, found: Found) -> Solution:
         return nothing(problem, Status.WRENCH_UNREACHABLE)
     if status is Status.UNBOUNDED:
         return nothing(problem, status)
-    start = feasible_start(view)
-    if isinstance(start, Solution) and start.status is Status.INFEASIBLE:
-        return start
-    return priced(view, status, found.steps, c, found.nu)
+    return proved(view, priced(view, status, found.steps, c, found.nu))

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from graspforce._arrays import Array
 from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._pyramids import Cones, Pyramids
-from graspforce.baselines._start import feasible_start
+from graspforce.baselines._start import proved
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
@@ -85,10 +85,7 @@ def _solve(view: Active, pyramids: Pyramids, max_steps: int) -> Solution:
     slack = 1e-9 * (np.abs(bounds) + np.abs(rows) @ np.abs(c_p))
     unsettled = dual.status not in (Status.SOLVED, Status.MAX_STEPS)
     if unsettled or (h[fixed] < -slack[fixed]).any():
-        found = feasible_start(view)
-        if isinstance(found, Solution):
-            return found
-        return answer(view, Status.STALLED, dual.pivots, c, np.zeros(len(c)))
+        return proved(view, answer(view, Status.STALLED, dual.pivots, c, np.zeros(len(c))))
     return answer(view, dual.status, dual.pivots, c, view.normals + rows.T @ y)
 
 

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 from graspforce import reference
 from graspforce._arrays import Array, as_array, as_positive
 from graspforce.baselines._active import Active, answer, as_steps, run
-from graspforce.baselines._start import feasible_start
+from graspforce.baselines._start import feasible_start, proved
 from graspforce.errors import MissingExtraError
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
@@ -64,7 +64,8 @@ def solve(
 
     Returns:
         The forces, moved the last bit onto W c = f; ``newton_steps`` counts the integrator's steps.
-        Where the multipliers grow very large, INFEASIBLE if ``_start`` finds the proof.
+        Where the multipliers grow very large, or there is no other end, INFEASIBLE if ``_start``
+        finds the proof.
 
     Raises:
         InvalidInputError: an option out of range, a start of the wrong shape.
@@ -98,7 +99,8 @@ def solve(
                 break
         c, pull = network.read(path.y)
         c = c + reference.particular_and_nullspace(view.W, problem.f - view.W @ c)[0]
-        return answer(view, status, steps, c, c + pull)
+        own = answer(view, status, steps, c, c + pull)
+        return own if status is Status.SOLVED else proved(view, own)
 
     return run(problem, method)
 

@@ -29,7 +29,7 @@ from graspforce import reference
 from graspforce._arrays import Array, as_array
 from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._lmi import Lmi, half_square_decrement
-from graspforce.baselines._start import feasible_start
+from graspforce.baselines._start import proved
 from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
@@ -206,21 +206,21 @@ def _solve(
     c = c_p + N @ np.array(found.x)[: len(N.T)]
     effort = view.normals if normals else c
     if word == "PrimalInfeasible":
-        outcome = feasible_start(view)
-        if isinstance(outcome, Solution):
-            return outcome
-        return answer(view, Status.STALLED, steps, c_p, np.zeros(len(c_p)))
+        return proved(view, answer(view, Status.STALLED, steps, c_p, np.zeros(len(c_p))))
     failed = Status.MAX_STEPS if word == "MaxIterations" else Status.STALLED
     if weight:
         # The barrier's Hessian is at hand, so the forces are judged by themselves: Clarabel's
         # exponential cones sometimes end short of the precision asked for.
         point = in_x.at(np.array(found.x)[: len(N.T)])
-        gradient = N.T @ effort / weight + point.gradient
-        near = point.inside and half_square_decrement(point, gradient) <= NEARNESS
-        status = Status.SOLVED if near else failed
-        return answer(view, status, steps, c, effort + weight * in_c.at(c).gradient)
-    status = Status.SOLVED if word == "Solved" else failed
-    return answer(view, status, steps, c, effort - _cone_forces(in_c, np.array(found.z)))
+        slope = N.T @ effort / weight + point.gradient
+        solved = point.inside and half_square_decrement(point, slope) <= NEARNESS
+        gradient = effort + weight * in_c.at(c).gradient
+    else:
+        solved = word == "Solved"
+        gradient = effort - _cone_forces(in_c, np.array(found.z))
+    if solved:
+        return answer(view, Status.SOLVED, steps, c, gradient)
+    return proved(view, answer(view, failed, steps, c, gradient))
 
 
 def _cone_forces(in_c: Lmi, duals: Array) -> Array:
