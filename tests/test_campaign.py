@@ -37,6 +37,12 @@ def test_the_hard_ends(margin, hard, decided):
     assert np.mean([v.decided for v in found]) >= decided
 
 
+def test_a_proof_outlives_the_rounding_that_ends_phase_1():
+    """Here the search for the least violation once went on to numbers that overflow."""
+    found = verdicts([1402], seed=1)
+    assert [v for v in found if v.wrong or not v.decided] == []
+
+
 def test_the_critical_load_of_a_pinch_is_what_friction_gives():
     """Two fingers of at most 10 N and mu = .5 hold up to 10 N, and nothing downward but as much."""
     contacts = [

@@ -23,6 +23,8 @@ inline double radius(const double* s, int n) {
   return std::sqrt(sum);
 }
 
+inline bool inside(const double* s, int n) { return s[0] > radius(s, n); }
+
 inline double determinant(const double* s, int n) {
   const double r = radius(s, n);
   return (s[0] - r) * (s[0] + r);
@@ -38,6 +40,7 @@ inline double step_limit(const double* s, const double* d, int n) {
   // det(s + t d) = a t² + 2 b t + c with c > 0. Leaving the cone, or passing through its apex,
   // means that this vanishes: the limit is its smallest positive root.
   const double c = determinant(s, n), discriminant = b * b - a * c;
+  if (!(discriminant < kInfinity)) return 0;  // a step so long that its square is no number
   // Below zero only by rounding: b² ≥ a c for s inside the cone, b² = a c with one component.
   const double root = std::sqrt(std::max(0.0, discriminant));
   if (b < 0) return c / (root - b);            // right for a = 0 as well: c / (−2 b)

@@ -98,13 +98,13 @@ class PrimalDual {
       }
       direction(centering * mu);
       const double step = std::min(1.0, 0.99 * step_limit());
-      if (!std::isfinite(dsigma_) || step < kLeastStep) {  // rounding has the upper hand
+      if (!std::isfinite(dsigma_) || step < kLeastStep || !advance(step)) {
+        // Rounding has the upper hand.
         result.end = proved  ? PhaseOneResult::End::Infeasible
                      : first ? PhaseOneResult::End::Overflow
                              : PhaseOneResult::End::Closest;
         break;
       }
-      advance(step);
 
       const double bound = dual_bound();
       if (sigma_ < 0 && balanced() && (sigma_ < 0.5 * bound || sigma_ < -kRoomy)) {
@@ -145,8 +145,7 @@ class PrimalDual {
       factor();
       direction(1);
       const double step = std::min(1.0, 0.99 * step_limit());
-      if (!(step > kLeastStep)) return;
-      advance(step);
+      if (!(step > kLeastStep) || !advance(step)) return;
       feasible = feasible || step == 1;
       const double descent = step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
       cone_weight_ = std::max(cone_weight, descent * cone_weight_);
@@ -431,7 +430,8 @@ class PrimalDual {
     return limit;
   }
 
-  void advance(double step) {
+  // False when rounding has put a slack or a multiplier on its boundary.
+  bool advance(double step) {
     for (std::size_t b = 0; b < work_.size(); ++b)
       for (int i = 0; i < part(b).q; ++i) work_[b].c[i] += step * work_[b].d[i];
     sigma_ += step * dsigma_;
@@ -442,6 +442,13 @@ class PrimalDual {
                for (int i = 0; i < tip.cone.dim; ++i) cone.z[i] += step * cone.dz[i];
              });
     update_slacks();
+    bool inside = true;
+    for_each([&](std::size_t, int, Side& side, double) { inside &= side.s > 0 && side.z > 0; },
+             [&](std::size_t, const Tip& tip, Lifted& cone) {
+               const int dim = tip.cone.dim;
+               inside &= lorentz::inside(cone.s, dim) && lorentz::inside(cone.z, dim);
+             });
+    return inside;
   }
 
   // y·f − z·b: a lower bound on σ once the multipliers are dual feasible.
