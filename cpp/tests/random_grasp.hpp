@@ -45,7 +45,10 @@ class RandomGrasp {
   ProblemData data;
 
   RandomGrasp(Random& random, const Layout& shape)
-      : layout(shape), data(layout), alpha_(std::pow(10.0, random.uniform(-1, 2))) {
+      : layout(shape),
+        data(layout),
+        alpha_(std::pow(10.0, random.uniform(-1, 2))),
+        wished_(layout.components()) {
     for (int i = 0, c = 0; i < layout.contacts(); c += dim(i), ++i) {
       first_.push_back(c);
       place(random, i);
@@ -66,20 +69,24 @@ class RandomGrasp {
   int dim(int contact) const { return static_cast<int>(layout.models[contact]); }
   int first(int contact) const { return first_[contact]; }
 
-  // A wrench that forces inside the cones make, `firmness` times as large: within the limits for
-  // small numbers, out of all reach for large ones.
+  // Wishes for a wrench that forces inside the cones make, `firmness` times as large: within the
+  // limits for small numbers, out of all reach for large ones.
   void wish(Random& random, double firmness) {
-    std::vector<double> c(layout.components());
     for (int i = 0; i < layout.contacts(); ++i) {
-      if (data.engagement[i] <= kRemovalThreshold) continue;
-      c[first_[i]] = firmness * random.uniform(1, 10);
+      const bool there = data.engagement[i] > kRemovalThreshold;
+      for (int d = 0; d < dim(i); ++d) wished_[first_[i] + d] = 0;
+      if (!there) continue;
+      wished_[first_[i]] = firmness * data.engagement[i] * random.uniform(1, 10);
       for (int d = 1; d < std::min(3, dim(i)); ++d)
-        c[first_[i] + d] = 0.5 * data.mu[i] * c[first_[i]] * random.uniform(-1, 1);
+        wished_[first_[i] + d] = 0.5 * data.mu[i] * wished_[first_[i]] * random.uniform(-1, 1);
     }
-    for (int r = 0; r < layout.wrench_rows; ++r) {
-      data.f[r] = 0;
-      for (int j = 0; j < layout.components(); ++j) data.f[r] += data.W(r, j) * c[j];
-    }
+    ask();
+  }
+
+  // The wish wanders, and follows what W has become.
+  void wander(Random& random, double step) {
+    for (double& force : wished_) force *= 1 + step * random.normal();
+    ask();
   }
 
   // Every finger moves its own contact.
@@ -141,8 +148,16 @@ class RandomGrasp {
   }
 
  private:
+  void ask() {
+    for (int r = 0; r < layout.wrench_rows; ++r) {
+      data.f[r] = 0;
+      for (int j = 0; j < layout.components(); ++j) data.f[r] += data.W(r, j) * wished_[j];
+    }
+  }
+
   double alpha_;
   std::vector<int> first_;
+  std::vector<double> wished_;  // forces
 };
 
 }  // namespace graspforce
