@@ -4,7 +4,8 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: reproduce test lint bench campaign clean
+.PHONY: reproduce test lint bench campaign fuzz soak portable clean
+CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp')
 
 reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
 	$(VENV)/bin/graspforce reproduce --out results
@@ -17,7 +18,7 @@ lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order,
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/basedpyright
 	$(VENV)/bin/lint-imports
-	$(VENV)/bin/clang-format --dry-run --Werror $(shell find cpp -name '*.hpp' -o -name '*.cpp')
+	$(VENV)/bin/clang-format --dry-run --Werror $(CPP)
 	$(VENV)/bin/python -m nanobind.stubgen -q -m graspforce._core -O build
 	diff src/graspforce/_core.pyi build/_core.pyi
 
@@ -28,6 +29,27 @@ campaign: $(VENV)/test.installed  ## a million random grasps against another sol
 	$(VENV)/bin/python benchmarks/campaign.py --grasps 1000000
 	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-4
 	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-5
+
+# The core alone needs no Python. Programs go to build/; SECONDS and TICKS may be given.
+SECONDS := 600
+TICKS := 10000000
+CORE := -std=c++17 -fno-math-errno -fno-trapping-math -Wall -Wextra -Wno-psabi -Icpp/include -Icpp/tests
+WIDE := $(shell grep -q avx2 /proc/cpuinfo 2>/dev/null && echo -mavx2 -mfma)
+
+fuzz:  ## extreme numbers, with Clang's libFuzzer; what it finds goes to build/
+	mkdir -p build/corpus
+	clang++ $(CORE) -O2 -g -DFUZZER -fsanitize=fuzzer,address,undefined -fno-sanitize-recover=undefined \
+	  cpp/tests/fuzz.cpp -o build/fuzz
+	build/fuzz -max_len=512 -max_total_time=$(SECONDS) -artifact_prefix=build/ build/corpus
+
+soak:  ## ten million servo ticks of all kinds, some minutes
+	mkdir -p build
+	$(CXX) $(CORE) -O3 $(WIDE) benchmarks/soak.cpp -o build/soak
+	build/soak $(TICKS)
+
+# The core's tests by every compiler that is here, for every instruction set.
+portable:
+	cpp/tests/portable.sh $(CORE)
 
 # An editable install: Python changes need nothing, a change of the core builds it again. Each set
 # of extras contains those before it.
