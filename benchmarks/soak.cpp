@@ -115,7 +115,7 @@ class Stream {
     const double down = (ramp_ - 100) / 50.0, up = (50 - ramp_) / 50.0;
     data.engagement[finger_] = std::min(1.0, std::max({down, up, 0.0}));
     if (ramp_ == 49) grasp_.wish(random_, 0.1);  // it counts again: without, its share would be 0
-    if (random_.chance(0.01)) {  // or all at once
+    if (random_.chance(0.01)) {                  // or all at once
       data.engagement[finger_] = 1;
       ramp_ = 0;
     }
