@@ -60,7 +60,7 @@ def works() -> list[Work]:
         found.append((f"{name}|True", count, ticks(lambda method=method: method.cold)))
         if method.warm is not None:
             found.append((f"{name}|False", count, ticks(method.warm)))
-    for solver in ("qoco", "scs", "ecos", "moreau"):
+    for solver in ("qoco", "scs", "ecos"):  # Moreau's threads do not survive a fork
         if importlib.util.find_spec(solver) is None:
             continue
         options = {"solver": solver, "objective": "norm"}
