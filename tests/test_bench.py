@@ -28,7 +28,7 @@ def test_a_run_times_what_it_promises(run):
     ]
     names = [row.name for row in run.rows]
     assert "servo.step(f=, W=, J=)" in names
-    assert "C++, baseline instructions" in names
+    assert "C++, _core" in names
     assert peers.OWN in names
     assert all(row.p50 <= row.p99 <= row.p999 and row.count > 0 for row in run.rows)
 

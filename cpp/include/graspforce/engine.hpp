@@ -365,7 +365,7 @@ class Engine {
     newton(barrier, first_step(barrier, problem), tol, budget, true);
     if (barrier.largest_force() > kRunaway * blocks_.largest_reach() &&
         result_.status != Status::Solved)
-      result_.status = Status::Unbounded;
+      answer_nothing(Status::Unbounded);
   }
 
   // Newton's method from the barrier's point; true when that ends the solve: with a certified
