@@ -120,7 +120,9 @@ class Judge {
         const Real t = (d == 3 ? Real(p_.gamma[i]) / p_.mu[i] : 1) * part[d];
         sum += t * t;
       }
-      sound &= part[0] >= p_.mu[i] * std::sqrt(sum);
+      // The least double, a term: that much the core's own products lose when they underflow.
+      const Real lost = (layout_.wrench_rows + limit_count(layout_)) * kLeast;
+      sound &= part[0] + lost * (1 + p_.mu[i]) >= p_.mu[i] * std::sqrt(sum);
     }
     return sound && gap > 0;
   }
