@@ -400,3 +400,15 @@ def test_rows_alone_can_be_infeasible(default):
     assert solution.verify().ok
     by_hand = gf.Certificate(np.zeros(1), np.array([1e-3, 1e-3, 1.0, 1.0]))
     assert gf.check_certificate(problem, by_hand)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-200])
+def test_a_proof_has_no_unit(unit):
+    """Multipliers as small as you like prove what large ones do, and no more."""
+    W = np.zeros((6, 3))
+    W[5, 1] = 1
+    problem = gf.ForceProblem(W, np.zeros(6), gf.PCWF(0.5), c_max=1.0, A=np.zeros((1, 3)), b=[-1.0])
+    z = np.array([0, unit])  # 0 <= -1 alone is the contradiction
+    assert gf.check_certificate(problem, gf.Certificate(np.zeros(6), z))
+    astray = np.array([0, 0, 0, 0, 0, unit])  # e is tangential: outside the dual cone
+    assert not gf.check_certificate(problem, gf.Certificate(astray, z))

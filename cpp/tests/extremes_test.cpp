@@ -81,7 +81,24 @@ static void rows_of_one_huge_entry_do_not_make_a_wrench_unreachable() {
   EXPECT(judged(grasp).status != Status::WrenchUnreachable);
 }
 
+static void a_proof_has_no_unit() {
+  Random random(7);
+  Layout layout = contacts(1, Model::PCWF);
+  layout.inequalities = 1;
+  RandomGrasp grasp(random, layout);
+  for (double& entry : grasp.data.W.entries()) entry = 0;
+  for (double& entry : grasp.data.A.entries()) entry = 0;
+  grasp.data.W(5, 1) = 1, grasp.data.b[0] = -1;
+  const Problem problem(layout, grasp.data.packed());
+  for (double unit : {1.0, 1e-200}) {
+    const double right[6] = {}, wrong[6] = {0, 0, 0, 0, 0, unit}, z[2] = {0, unit};
+    EXPECT(proves_infeasible(layout, problem, right, z));
+    EXPECT(!proves_infeasible(layout, problem, wrong, z));
+  }
+}
+
 int main() {
+  a_proof_has_no_unit();
   phase_one_that_overflows_reports_no_violation();
   a_wrench_that_overflows_against_its_row_is_not_in_reach();
   rows_that_were_left_out_hold_too();

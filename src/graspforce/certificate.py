@@ -68,8 +68,10 @@ def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:
         if problem.active[i]:  # the dual cone: e_n ≥ mu ‖(e_x, e_y, (gamma/mu) e_torsion)‖
             weight = np.array([1.0, 1.0, problem.gamma[i] / problem.mu[i]])[: end - start - 1]
             tangent = weight * e[start + 1 : end]
-            safe = slop[start] + problem.mu[i] * np.linalg.norm(weight * slop[start + 1 : end])
-            if e[start] - problem.mu[i] * np.linalg.norm(tangent) < safe:
+            # hypot, since squares vanish where the multipliers are small: a proof has no unit.
+            radius = np.hypot.reduce(weight * slop[start + 1 : end])
+            safe = slop[start] + problem.mu[i] * radius
+            if e[start] - problem.mu[i] * np.hypot.reduce(tangent) < safe:
                 return False
     gap = y @ f - z @ b
     return bool((z >= 0).all() and gap > unit * (np.abs(y) @ np.abs(f) + z @ np.abs(b)))

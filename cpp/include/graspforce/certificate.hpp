@@ -57,9 +57,13 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
       for (int r = 0; r < rows; ++r) term(p.A[r * m + start + c] * z_A[r]);
       for (int r = 0; r < k; ++r) term(-p.W[r * m + start + c] * y[r]);
     }
-    double radius = 0;
-    for (int c = 1; c < dim; ++c) radius += std::pow(slop[c] / cone.weight(c), 2);
-    if (!(cone.dual_margin(e) >= slop[0] + cone.mu * std::sqrt(radius))) return false;
+    // Not by squares, which vanish where the multipliers are small: a proof has no unit.
+    double tangent = 0, radius = 0;
+    for (int c = 1; c < dim; ++c) {
+      tangent = std::hypot(tangent, e[c] / cone.weight(c));
+      radius = std::hypot(radius, slop[c] / cone.weight(c));
+    }
+    if (!(e[0] - cone.mu * tangent >= slop[0] + cone.mu * radius)) return false;
   }
   return true;
 }
