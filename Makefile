@@ -26,6 +26,7 @@ bench: $(VENV)/test.installed  ## time this machine
 	$(VENV)/bin/graspforce bench
 
 campaign: $(VENV)/test.installed  ## a million random grasps against another solver, some 30 minutes
+	rm -f benchmarks/results/campaign.txt
 	$(VENV)/bin/python benchmarks/campaign.py --grasps 1000000 --save benchmarks/results/campaign.txt
 	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-4 --save benchmarks/results/campaign.txt
 	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-5 --save benchmarks/results/campaign.txt
