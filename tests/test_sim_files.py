@@ -262,6 +262,12 @@ def test_wrong_options_are_refused(name, options, message):
         sim.get(name, **options)
 
 
+def test_a_log_that_no_memory_holds_is_refused():
+    (endless,) = sim.get("hold", duration=1e13)
+    with pytest.raises(gf.InvalidInputError, match="duration: got .* ticks, .* fit into memory"):
+        sim.run(endless)
+
+
 def test_a_trial_that_does_not_fit_together_is_refused(short):
     trial, _ = short
     with pytest.raises(gf.InvalidInputError, match="grips: got 3, expected 4"):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
-from graspforce.errors import MissingExtraError
+from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.files import check_output, replacing
 from graspforce.outcome import Status
 
@@ -88,10 +88,19 @@ class Log:
 
     @classmethod
     def blank(cls, ticks: int, nq: int, n: int, tau_max: Array) -> Log:
-        """Return a log with room for T ticks of nq joint positions and n contacts."""
+        """Return a log with room for T ticks of nq joint positions and n contacts.
+
+        Raises:
+            InvalidInputError: more ticks than the memory holds.
+        """
 
         def room(*shape: int) -> Array:
-            return np.zeros((ticks, *shape))
+            try:
+                return np.zeros((ticks, *shape))
+            except MemoryError:
+                raise InvalidInputError(
+                    f"duration: got {ticks} ticks, expected a log of them to fit into memory"
+                ) from None
 
         return cls(
             t=room(), qpos=room(nq), position=room(3), quaternion=room(4), target_position=room(3),
