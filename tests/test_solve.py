@@ -387,3 +387,15 @@ def test_cold_solves_in_threads_and_many_shapes_answer_as_they_do_alone():
         together = list(pool.map(gf.solve, problems * 5))
     for solution, c in zip(together, alone * 5, strict=True):
         assert np.array_equal(solution.c, c)
+
+
+@pytest.mark.parametrize("alpha", [1e-4, 5.0, 1e6])
+@pytest.mark.parametrize("n", [1, 2, 64, 256])
+def test_one_contact_to_256(n, alpha):
+    points = np.random.default_rng(n).normal(size=(n, 3))
+    points[-1] = -points[0] if n > 1 else points[0]
+    directions = points / np.linalg.norm(points, axis=1)[:, None]
+    grasp = gf.Grasp([gf.Contact(0.04 * p, -p, gf.PCWF(0.6)) for p in directions])
+    load = -2.5 * directions[0] if n == 1 else np.cross(directions[0], [1, 2, 3])
+    solution = gf.solve(grasp.problem([*load, 0, 0, 0], c_max=20, alpha=alpha), check=True)
+    assert solution.verify().ok
