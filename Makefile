@@ -26,10 +26,11 @@ bench: $(VENV)/test.installed  ## time this machine
 	$(VENV)/bin/graspforce bench
 
 campaign: $(VENV)/test.installed  ## a million random grasps against another solver, some 30 minutes
-	rm -f benchmarks/results/campaign.txt
-	$(VENV)/bin/python benchmarks/campaign.py --grasps 1000000 --save benchmarks/results/campaign.txt
-	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-4 --save benchmarks/results/campaign.txt
-	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-5 --save benchmarks/results/campaign.txt
+	rm -f build/campaign.txt && mkdir -p build
+	$(VENV)/bin/python benchmarks/campaign.py --grasps 1000000 --save build/campaign.txt
+	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-4 --save build/campaign.txt
+	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-5 --save build/campaign.txt
+	mv build/campaign.txt benchmarks/results/campaign.txt
 
 # The core alone needs no Python. Programs go to build/; SECONDS and TICKS may be given.
 SECONDS := 600

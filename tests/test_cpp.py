@@ -85,6 +85,24 @@ def test_the_cube_is_held(prefix, tmp_path):
     assert " 0.000 N" in held[3]
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "no layout"),
+        ("{}friction 1\ntick\n", "no field friction"),
+        ("{}f 1 2 nan\n", "numbers"),
+    ],
+)
+def test_a_task_that_cannot_be_read_says_why(text, words, prefix, task, tmp_path):
+    build(prefix, tmp_path, "controller", "-DCMAKE_BUILD_TYPE=Debug")
+    layout = task.read_text().splitlines()[0] + "\n"
+    (tmp_path / "bad.txt").write_text(text.format(layout))
+    command = [str(tmp_path / "controller"), str(tmp_path / "bad.txt")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert words in done.stderr
+
+
 def test_a_task_is_written_by_the_script(task):
     assert run(sys.executable, EXAMPLE / "write_task.py") == task.read_text()
 

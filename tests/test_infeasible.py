@@ -412,3 +412,13 @@ def test_a_proof_has_no_unit(unit):
     assert gf.check_certificate(problem, gf.Certificate(np.zeros(6), z))
     astray = np.array([0, 0, 0, 0, 0, unit])  # e is tangential: outside the dual cone
     assert not gf.check_certificate(problem, gf.Certificate(astray, z))
+
+
+def test_numbers_that_overflow_prove_nothing():
+    W = np.zeros((6, 3))
+    W[[0, 1, 2], [0, 1, 2]] = 1e6
+    problem = gf.ForceProblem(W, [1.0, 0.3, 0, 0, 0, 0], gf.PCWF(0.5), c_max=10)
+    assert gf.solve(problem).status is gf.Status.SOLVED
+    y = np.array([-1e303, 1e304, 0, 0, 0, 0])
+    with np.errstate(all="ignore"):
+        assert not gf.check_certificate(problem, gf.Certificate(y, np.zeros(1)))

@@ -264,7 +264,7 @@ def test_wrong_options_are_refused(name, options, message):
 
 def test_a_log_that_no_memory_holds_is_refused():
     (endless,) = sim.get("hold", duration=1e13)
-    with pytest.raises(gf.InvalidInputError, match="duration: got .* ticks, .* fit into memory"):
+    with pytest.raises(gf.InvalidInputError, match=r"duration: got .* ticks, .* fit into memory"):
         sim.run(endless)
 
 

@@ -399,3 +399,21 @@ def test_one_contact_to_256(n, alpha):
     load = -2.5 * directions[0] if n == 1 else np.cross(directions[0], [1, 2, 3])
     solution = gf.solve(grasp.problem([*load, 0, 0, 0], c_max=20, alpha=alpha), check=True)
     assert solution.verify().ok
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_limits_that_hold_by_rounding_alone_hold_nothing(seed):
+    """Two stretched fingers squeeze without torque; turned, rows of W and J are zero to 1e-17."""
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(0, np.pi) + np.pi / 2 * np.arange(4)
+    directions = np.column_stack((np.cos(angles), np.sin(angles), np.zeros(4)))
+    contacts = [gf.Contact(-0.03 * d, d, gf.PCWF(0.5), tangent=(0, 0, 1)) for d in directions]
+    J = np.zeros((12, 12))
+    for i in range(4):
+        block = 0.07 * np.eye(3) + 0.02 * rng.normal(size=(3, 3))
+        block[0] *= i % 2
+        J[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
+    f = [0, 0, 2.5, 0, 0, 0]
+    problem = gf.ForceProblem(gf.grasp_map(contacts), f, gf.PCWF(0.5), J, -0.5, 0.5)
+    assert gf.solve(problem).status is gf.Status.UNBOUNDED
+    assert gf.solve(problem.replace(c_max=20), check=True).verify().ok

@@ -103,7 +103,8 @@ class Servo {
   }
 
   // What the last tick found, if there was one.
-  std::optional<Outcome> last() const {
+  std::optional<Outcome> last() {
+    const Turn turn(busy_);
     if (!ticked_) return std::nullopt;
     return outcome(result_);
   }

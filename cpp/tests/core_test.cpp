@@ -139,14 +139,13 @@ static void blocks_follow_the_pattern() {
   const Problem problem(cube.layout, cube.packed.data());
   structure.find(problem);
   EXPECT(structure.blocks().size() == 4);
-  EXPECT(structure.same_contacts(problem, kChangedAll));
-  EXPECT(structure.same_pattern(problem, kChangedAll));
+  EXPECT(structure.holds(problem));
   cube.at(&Problem::J)[0 * 12 + 5] = 1e-3;  // finger 2's last joint feels contact 1
-  EXPECT(!structure.same_pattern(problem, kChangedAll));
+  EXPECT(!structure.holds(problem));
   structure.find(problem);
   EXPECT(structure.blocks().size() == 3);
   cube.at(&Problem::engagement)[3] = 0;
-  EXPECT(!structure.same_contacts(problem, kChangedAll));
+  EXPECT(!structure.holds(problem));
   structure.find(problem);
   EXPECT(structure.blocks().size() == 2);
 }

@@ -91,6 +91,25 @@ static void nothing_at_all_is_refused() {
   EXPECT(servo.tick() == Status::InvalidNumbers && servo.refusal() != nullptr);
 }
 
+static void before_the_first_tick_nothing_is_inside() {
+  Servo servo(four_fingers(3));
+  EXPECT(!servo.margins().inside());
+  servo.f[0] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT(servo.tick() == Status::InvalidNumbers && !servo.margins().inside());
+  EXPECT(servo.torque(0) == 0);
+}
+
+static void a_tangent_along_the_normal_is_replaced() {
+  const Layout layout = four_fingers(0);
+  ProblemData data(layout);
+  write_contact(data.W, 0, Model::PCWF, {0, 0, 0}, {0, 0, 2}, {0, 0, 1});
+  for (int d = 0; d < 3; ++d) {
+    double sum = 0;
+    for (int r = 0; r < 3; ++r) sum += data.W(r, d) * data.W(r, d);
+    EXPECT(std::abs(sum - 1) < 1e-12);
+  }
+}
+
 static void settings_may_change_between_ticks() {
   Servo servo(four_fingers(0));
   grip(servo);
@@ -108,6 +127,8 @@ int main() {
   a_tick_holds_the_cube();
   refused_numbers_leave_no_trace();
   nothing_at_all_is_refused();
+  before_the_first_tick_nothing_is_inside();
+  a_tangent_along_the_normal_is_replaced();
   settings_may_change_between_ticks();
   return verdict("servo");
 }

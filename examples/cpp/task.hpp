@@ -3,6 +3,7 @@
 #pragma once
 
 #include <istream>
+#include <stdexcept>
 #include <string>
 
 #include "graspforce/problem_data.hpp"
@@ -16,6 +17,7 @@ inline graspforce::Layout read_layout(std::istream& file) {
       layout.floors >> contacts;
   for (int dim = 0; contacts > 0 && file >> dim; --contacts)
     layout.models.push_back(static_cast<graspforce::Model>(dim));
+  if (!file || word != "layout") throw std::runtime_error("task: no layout at its beginning");
   return layout;
 }
 
@@ -34,13 +36,15 @@ inline graspforce::Span<double> field(graspforce::ProblemData& data, const std::
   if (name == "mu") return data.mu;
   if (name == "gamma") return data.gamma;
   if (name == "alpha") return {&data.alpha, 1};
-  return {};
+  throw std::runtime_error("task: no field " + name);
 }
 
 // Takes the fields of the next tick; false when there is none.
 inline bool read_tick(std::istream& file, graspforce::ProblemData& data) {
   std::string name;
-  while (file >> name && name != "tick")
+  while (file >> name && name != "tick") {
     for (double& number : field(data, name)) file >> number;
+    if (!file) throw std::runtime_error("task: numbers missing from " + name);
+  }
   return bool(file);
 }

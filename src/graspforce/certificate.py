@@ -71,7 +71,8 @@ def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:
             # hypot, since squares vanish where the multipliers are small: a proof has no unit.
             radius = np.hypot.reduce(weight * slop[start + 1 : end])
             safe = slop[start] + problem.mu[i] * radius
-            if e[start] - problem.mu[i] * np.hypot.reduce(tangent) < safe:
+            # Not a number is no proof either.
+            if not e[start] - problem.mu[i] * np.hypot.reduce(tangent) >= safe:
                 return False
     gap = y @ f - z @ b
     return bool((z >= 0).all() and gap > unit * (np.abs(y) @ np.abs(f) + z @ np.abs(b)))

@@ -111,11 +111,12 @@ class Barrier {
     return relative_wrench_error(blocks_, [this](std::size_t b) { return work_[b].c; });
   }
 
-  double largest_force() const {
+  // Whether the forces are out of all proportion to the limits.
+  bool runaway() const {
     double largest = 0;
     for (std::size_t b = 0; b < work_.size(); ++b)
       for (int i = 0; i < part(b).q; ++i) largest = std::max(largest, std::abs(work_[b].c[i]));
-    return largest;
+    return largest > kRunaway * blocks_.size();
   }
 
   // ---- derivatives and the Newton step -------------------------------------------------------

@@ -120,11 +120,20 @@ class Blocks {
   int k() const { return k_; }                      // rows of W c = f in use
   const double* f() const { return f_.data(); }     // their right-hand sides
   int row(int r) const { return rows_in_use_[r]; }  // where row r stands in the problem
-  double largest_reach() const {
-    double largest = 0;
+  // The size of force that the limits are made for, by the largest of them, or of the wrench.
+  double size() const {
+    double most = 0;
+    for (int r = 0; r < k(); ++r) most = std::max(most, std::abs(f()[r]));
     for (const Part& part : parts_)
-      for (const Tip& tip : part.tips) largest = std::max(largest, tip.reach);
-    return largest;
+      for (int r = 0; r < part.rows; ++r) {
+        double largest = 0, bound = 0;
+        for (int i = 0; i < part.q; ++i)
+          largest = std::max(largest, std::abs(part.a[r * part.q + i]));
+        for (double side : {part.hi[r], part.lo[r]})
+          if (std::isfinite(side)) bound = std::max(bound, std::abs(side));
+        if (largest > 0) most = std::max(most, bound / largest);
+      }
+    return most;
   }
 
   // How row r of a part stands among the rows of ForceProblem.linear_limits(), before any are

@@ -125,8 +125,6 @@ class Engine {
   void reset() { known_ = 0; }
 
  private:
-  // Forces this many times their reach, with no minimum found, mean that nothing holds them.
-  static constexpr double kRunaway = 1e6;
   // Decrement at an extrapolated start above which the last optimum is looked at as well.
   static constexpr double kPromising = 0.5;
 
@@ -143,7 +141,7 @@ class Engine {
     if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0)
       return answer_nothing(Status::Unbounded);
     Budget budget(settings);
-    if (!structure_.same_contacts(problem, changed)) {
+    if (!structure_.holds(problem, changed)) {
       rearrange(problem);
       changed = kChangedAll;
     }
@@ -170,12 +168,6 @@ class Engine {
       case Kernels::General:
         barrier_.set_weights(*problem.alpha);
         work_on(blocks_, barrier_);
-    }
-    // The pattern hardly ever changes. It is looked at last, while the processor waits for the
-    // step.
-    if (!structure_.same_pattern(problem, changed)) {
-      rearrange(problem);
-      return in_core(problem, settings, kChangedAll, work);
     }
     if (result_.status == Status::Solved && was_deficient_ && !rank_.fits(problem, c_.data()))
       result_.status = Status::Stalled;
@@ -363,9 +355,7 @@ class Engine {
     primal_dual_.get_forces(c_.data());
     barrier.set_forces(c_.data());
     newton(barrier, first_step(barrier, problem), tol, budget, true);
-    if (barrier.largest_force() > kRunaway * blocks_.largest_reach() &&
-        result_.status != Status::Solved)
-      answer_nothing(Status::Unbounded);
+    if (result_.status != Status::Solved && barrier.runaway()) answer_nothing(Status::Unbounded);
   }
 
   // Newton's method from the barrier's point; true when that ends the solve: with a certified
@@ -375,6 +365,10 @@ class Engine {
   bool newton(AnyBarrier& barrier, double lambda, double tol, Budget& budget, bool balanced) {
     const Newton outcome = minimise(barrier, lambda, tol, budget, balanced);
     using End = Newton::End;
+    if (outcome.end == End::Certified && barrier.runaway()) {  // rounding alone has stopped it
+      answer_nothing(Status::Unbounded);
+      return true;
+    }
     result_.status = outcome.end == End::Certified  ? Status::Solved
                      : outcome.end == End::Overflow ? Status::InvalidNumbers
                      : outcome.end == End::Spent    ? Status::MaxSteps

@@ -41,7 +41,7 @@ class LaneBarrier {
     const std::vector<Block>& blocks = structure.blocks();
     members_ = static_cast<int>(blocks.size());
     const int groups = (members_ + kLanes - 1) / kLanes;
-    end_ = groups_.data() + groups;
+    if (!single) end_ = groups_.data() + groups;
     LaneRow<Q>* row = rows_.data();
     for (Group& group : *this) {
       const int first = static_cast<int>(&group - begin()) * kLanes;
@@ -146,13 +146,15 @@ class LaneBarrier {
     return size > 0 ? greatest(max(high, low)) / size : 0;
   }
 
-  double largest_force() const {
-    double largest = 0;
-    for (const Group& group : *this)
-      for (int i = 0; i < Q; ++i)
-        for (int l = 0; l < group.members; ++l)
-          largest = std::max(largest, std::abs(group.c[i][l]));
-    return largest;
+  // Whether the forces are out of all proportion to the limits.
+  bool runaway() const {
+    Lanes force = {}, size = {};
+    for (const Group& group : *this) GRASPFORCE_UNROLL
+    for (int i = 0; i < Q; ++i) force = max(force, group.mask[i] * abs(group.c[i]));
+    const double largest = greatest(force);
+    if (largest <= 1e-3 * kRunaway * largest_f_) return false;  // nearly always
+    for (const Group& group : *this) size = max(size, group.size());
+    return largest > kRunaway * std::max(greatest(size), largest_f_);
   }
 
   // ---- derivatives and the Newton step -------------------------------------------------------

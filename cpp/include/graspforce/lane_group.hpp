@@ -491,6 +491,18 @@ struct LaneGroup {
     for (int i = 1; i < Q; ++i) c[i] = Lanes{};
   }
 
+  // The size of force that the limits are made for, by the largest of them.
+  Lanes size() const {
+    Lanes most = ceiling < kInfinity ? ceiling : Lanes{};
+    for (const Row& row : rows) {
+      const Lanes low = row.lo > -kInfinity ? abs(row.lo) : Lanes{};
+      Lanes largest = abs(row.a[0]);
+      for (int i = 1; i < Q; ++i) largest = max(largest, abs(row.a[i]));
+      most = max(most, largest > 0 ? max(abs(row.hi), low) / largest : Lanes{});
+    }
+    return most;
+  }
+
   // The normal force that alone uses up the tightest of the joints' torque ranges and the ceiling.
   Lanes reach() const {
     Lanes least = ceiling;

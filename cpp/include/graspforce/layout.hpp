@@ -21,6 +21,10 @@ inline constexpr double kMostUsed = 0.9;
 // Share of the wrenches that add up to f to which W c = f has to hold.
 inline constexpr double kBalanced = 1e-10;
 
+// Forces this many times as large as what the limits are made for mean that nothing holds them:
+// what stops them there is rounding in the problem's numbers.
+inline constexpr double kRunaway = 1e6;
+
 struct Layout {
   int wrench_rows = 6;        // k, rows of W
   std::vector<Model> models;  // n contacts

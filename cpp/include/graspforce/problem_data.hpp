@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cassert>
 #include <vector>
 
 #include "graspforce/layout.hpp"
@@ -31,6 +32,7 @@ class ProblemData {
   ProblemData(const ProblemData&) = delete;
   // Takes over the numbers of another problem of the same layout.
   ProblemData& operator=(const ProblemData& other) {
+    assert(other.numbers_.size() == numbers_.size());
     std::copy(other.numbers_.begin(), other.numbers_.end(), numbers_.begin());
     return *this;
   }

@@ -5,7 +5,6 @@
 // time reads the steady clock.) Servos share nothing: use one a thread.
 #pragma once
 
-#include <limits>
 #include <vector>
 
 #include "graspforce/engine.hpp"
@@ -26,7 +25,7 @@ class Servo : public ProblemData {
         settings(limits),
         engine_(layout),
         at_(layout),
-        now_(at_.size, std::numeric_limits<double>::quiet_NaN()),  // differs from whatever comes
+        now_(at_.size),
         next_(at_.size) {}
 
   using ProblemData::operator=;  // all fields at once
@@ -35,12 +34,14 @@ class Servo : public ProblemData {
   // InvalidNumbers and a refusal(): nothing but that changes, and c() stays that of the last tick.
   Status tick() {
     const bool finite = copy_finite(packed(), next_.data(), at_.size);
-    const unsigned changed = find_changes(at_, now_.data(), next_.data());
+    const unsigned changed =
+        ticked_ ? find_changes(at_, now_.data(), next_.data()) : unsigned(kChangedAll);
     refusal_ = !finite                  ? "a number that is not finite"
                : changed & kChangedRest ? find_flaw(layout(), Problem(at_, next_.data()))
                                         : nullptr;
     if (refusal_ != nullptr) return Status::InvalidNumbers;
     now_.swap(next_);
+    ticked_ = true;
     return engine_.tick(now_.data(), settings, changed).status;
   }
 
@@ -54,7 +55,8 @@ class Servo : public ProblemData {
   Span<const double> c() const { return {engine_.forces(), layout().components()}; }
   Span<const double> nu() const { return {engine_.multipliers(), layout().wrench_rows}; }
 
-  // Verdict, steps, decrement, where the steps set out from, violation, time.
+  // Verdict, steps, decrement, where the steps set out from, violation, time; of the last tick that
+  // was not refused.
   const Result& result() const { return engine_.result(); }
 
   // Why the last tick was refused; null when it was not.
@@ -69,7 +71,9 @@ class Servo : public ProblemData {
     return tau;
   }
 
+  // None at all before the first tick.
   Margins margins() const {
+    if (!ticked_) return {0, 0, 0, 0};
     return find_margins(layout(), Problem(at_, now_.data()), engine_.forces());
   }
 
@@ -81,6 +85,7 @@ class Servo : public ProblemData {
   Offsets at_;
   std::vector<double> now_, next_;  // of the last tick, and of the one that is being made
   const char* refusal_ = nullptr;
+  bool ticked_ = false;
 };
 
 inline const char* to_string(Status status) {

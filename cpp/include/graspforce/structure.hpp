@@ -102,19 +102,16 @@ class Structure {
   int dim(int contact) const { return start_[contact + 1] - start_[contact]; }
   const std::vector<Block>& blocks() const { return blocks_; }
 
-  // Whether the same contacts are in the grasp. Only what has changed is looked at, here and below.
-  bool same_contacts(const Problem& p, unsigned changed) const {
+  // True when this structure still holds: the same contacts in the grasp, no entry of J or A
+  // outside their blocks. Only what has changed is looked at.
+  bool holds(const Problem& p, unsigned changed = kChangedAll) const {
     if (blocks_.empty()) return false;
-    if (changed & kChangedRest)
+    if (changed & kChangedRest) {
       for (int i = 0; i < layout_.contacts(); ++i)
         if (p.in_grasp(i) != (block_of_contact_[i] != kNone)) return false;
-    return true;
-  }
-
-  // Whether J and A still have no entry outside the blocks of these contacts.
-  bool same_pattern(const Problem& p, unsigned changed) const {
+      if (outside_A_.any(p.A)) return false;
+    }
     if (changed & kChangedJacobian && outside_J_.any(p.J)) return false;
-    if (changed & kChangedRest && outside_A_.any(p.A)) return false;
     return all_in_grasp_ || !(changed & (kChangedJacobian | kChangedRest)) || same_limits_count(p);
   }
 
