@@ -88,6 +88,7 @@ static Layout some_layout(Choices& choices) {
   layout.inequalities = flags & 4 ? 1 + choices.below(3) : 0;
   layout.ceilings = flags & 8;
   layout.floors = flags & 16;
+  if (flags & 32) layout.wrench_rows = 1 + choices.below(9);  // more than six: passive joints, say
   return layout;
 }
 

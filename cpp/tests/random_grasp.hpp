@@ -115,10 +115,11 @@ class RandomGrasp {
     for (double& entry : data.J.entries()) entry = 0;
   }
 
-  // Nothing turns the ball about z any more: W loses a row.
+  // Nothing turns the ball about z any more (with six rows): W loses a row.
   void flatten() {
-    for (int c = 0; c < layout.components(); ++c) data.W(5, c) = 0;
-    data.f[5] = 0;
+    const int last = layout.wrench_rows - 1;
+    for (int c = 0; c < layout.components(); ++c) put(last, c, 0);
+    data.f[last] = 0;
   }
 
   void place(Random& random, int i) {
@@ -141,13 +142,20 @@ class RandomGrasp {
       for (int a = 0; a < 3; ++a) {
         const int b = (a + 1) % 3, c = (a + 2) % 3;
         const double torque = -0.04 * (n[b] * e[c] - n[c] * e[b]);  // the contact is at −.04 n
-        data.W(a, first_[i] + d) = d < 3 ? e[a] : 0;
-        data.W(3 + a, first_[i] + d) = d < 3 ? torque : n[a];
+        put(a, first_[i] + d, d < 3 ? e[a] : 0);
+        put(3 + a, first_[i] + d, d < 3 ? torque : n[a]);
       }
+      for (int r = 6; r < layout.wrench_rows; ++r)  // passive joints
+        put(r, first_[i] + d, random.chance(0.3) ? 0.05 * random.normal() : 0);
     }
   }
 
  private:
+  // Fewer rows than six are the first of them.
+  void put(int row, int column, double entry) {
+    if (row < layout.wrench_rows) data.W(row, column) = entry;
+  }
+
   void ask() {
     for (int r = 0; r < layout.wrench_rows; ++r) {
       data.f[r] = 0;
