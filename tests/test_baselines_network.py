@@ -1,15 +1,18 @@
 """The recurrent neural network: its projection, its path, its end against another solver."""
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
 from baseline_oracles import random_problems, socp
 
 import graspforce as gf
-from graspforce import scenarios
+from graspforce import files, scenarios
 from graspforce.baselines import neural_network
 from graspforce.baselines.neural_network import project
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 def test_projection_onto_the_cone_is_moreaus(rng):
@@ -33,6 +36,24 @@ def test_ends_at_the_least_norm_from_rest_and_from_a_feasible_start(rng):
             assert solution.c == pytest.approx(c, abs=1e-4)
             assert solution.wrench_error < 1e-12
             assert solution.friction_margins.min() > -1e-6
+
+
+def test_without_an_answer_the_flow_is_left_soon(monkeypatch):
+    """Its multipliers grow too slowly to be suspicious for a thousand steps."""
+    calls = []
+    rates = neural_network._Network.rates
+    monkeypatch.setattr(
+        neural_network._Network, "rates", lambda *args: calls.append(1) or rates(*args)
+    )
+    problems = [problem for _, problem in files.read(EXAMPLES / "several_grasps.json")]
+    hopeless = [each for each in problems if gf.solve(each).status is gf.Status.INFEASIBLE]
+    assert hopeless
+    for problem in hopeless:
+        calls.clear()
+        solution = neural_network.solve(problem)
+        assert solution.status is gf.Status.INFEASIBLE
+        assert solution.verify().ok
+        assert len(calls) < 20_000  # of which the Jacobian's differences are most
 
 
 def test_forces_scale_with_the_problem():

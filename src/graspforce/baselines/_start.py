@@ -77,12 +77,17 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
     )
 
 
-def proved(view: Active, own: Solution) -> Solution:
-    """Return the proof that a problem is infeasible, if there is one, for a method's failure."""
+def infeasible(view: Active) -> Solution | None:
+    """Return the proof that a problem is infeasible, if there is one."""
     found = feasible_start(view)
     if isinstance(found, Solution) and found.status is Status.INFEASIBLE:
         return found
-    return own
+    return None
+
+
+def proved(view: Active, own: Solution) -> Solution:
+    """Return the proof that a problem is infeasible, if there is one, for a method's failure."""
+    return infeasible(view) or own
 
 
 def _proof(view: Active, in_c: Lmi, multipliers: list[Array]) -> tuple[Array, Array] | None:

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 from graspforce import reference
 from graspforce._arrays import Array, as_array, as_positive
 from graspforce.baselines._active import Active, answer, as_steps, run
-from graspforce.baselines._start import feasible_start, proved
+from graspforce.baselines._start import infeasible, proved
 from graspforce.errors import MissingExtraError
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
@@ -40,8 +40,10 @@ from graspforce.solution import Solution
 
 # Accuracy of the path; the end is judged by how still it stands. In units of the wrench's size.
 RELATIVE, ABSOLUTE = 1e-4, 1e-7
-# Multipliers of this size, in the same unit, raise the question whether any force will do.
+# Multipliers of this size, in the same unit, or this many steps raise the question whether any
+# force will do: without one the flow has no end. With one it takes some 60 to 600 steps.
 SUSPICIOUS = 1e3
+PATIENCE = 200
 # The widest contact, to which the others are padded with zero tangents.
 WIDTH = 4
 
@@ -64,8 +66,8 @@ def solve(
 
     Returns:
         The forces, moved the last bit onto W c = f; ``newton_steps`` counts the integrator's steps.
-        Where the multipliers grow very large, or there is no other end, INFEASIBLE if ``_start``
-        finds the proof.
+        Where the multipliers grow very large, after 200 steps, or where there is no other end,
+        INFEASIBLE if ``_start`` finds the proof.
 
     Raises:
         InvalidInputError: an option out of range, a start of the wrong shape.
@@ -82,18 +84,18 @@ def solve(
         at_start = np.zeros(network.neurons)
         at_start[: len(network.L.T)] = guess[view.kept]
         path = BDF(network.rates, 0.0, at_start, np.inf, rtol=RELATIVE, atol=ABSOLUTE * scale)
-        steps, status, suspicion = 0, Status.MAX_STEPS, SUSPICIOUS * scale
+        steps, status, asked = 0, Status.MAX_STEPS, False
         while steps < most:
             path.step()
             steps += 1
             if path.status == "failed":
                 status = Status.STALLED
                 break
-            if np.abs(path.y).max() > suspicion:
-                found = feasible_start(view)
-                if isinstance(found, Solution):
-                    return found
-                suspicion = np.inf
+            if not asked and (steps == PATIENCE or np.abs(path.y).max() > SUSPICIOUS * scale):
+                asked = True
+                proof = infeasible(view)
+                if proof is not None:
+                    return proof
             if np.abs(network.rates(path.t, path.y)).max() <= tol * scale:
                 status = Status.SOLVED
                 break
