@@ -328,3 +328,15 @@ def test_bad_options():
             method.solve(problem, facets=5)
         with pytest.raises(gf.InvalidInputError, match="cones"):
             method.solve(problem, cones="middle")
+
+
+def test_a_problem_that_failed_to_load_is_not_taken_for_loaded(monkeypatch):
+    problems = [scenarios.get("dynamic").problem(t) for t in (0.0, 0.7)]
+    kept = socp.Prepared(problems[0], objective="norm")
+    with monkeypatch.context() as patch:
+        patch.setattr(socp.Prepared, "program", lambda *_: pytest.fail("cannot"))
+        for _ in range(2):
+            with pytest.raises(pytest.fail.Exception, match="cannot"):
+                kept.solve(problems[1])
+    wanted = socp.solve(problems[1], objective="norm")
+    assert kept.solve(problems[1]).c == pytest.approx(wanted.c, abs=1e-6)

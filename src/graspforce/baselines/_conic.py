@@ -180,8 +180,9 @@ class Conic(Stream):
             return
         if self._shape == program.shape:
             there |= self._pattern.there
-        self._shape, self._pattern = program.shape, Pattern(there)
-        self._workspace = self._make(program, self._pattern, self._tol, self._max_steps)
+        pattern = Pattern(there)
+        self._workspace = self._make(program, pattern, self._tol, self._max_steps)
+        self._shape, self._pattern = program.shape, pattern
 
     def _run(self, view: Active, unit: float) -> Found:
         answer = self._workspace.solve()

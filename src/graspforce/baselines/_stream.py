@@ -71,7 +71,8 @@ class Stream(ABC):
 
     def _take(self, problem: ForceProblem) -> None:
         known = known_at_once(problem)
-        self._problem = problem
+        # Last of all, so that a problem which failed to load is not taken for a loaded one.
+        self._problem: ForceProblem | None = None
         self._view = Active.of(problem) if known is None else None
         if known is not None:
             self._known = known
@@ -79,6 +80,7 @@ class Stream(ABC):
             # Solvers' tolerances are absolute, so forces are in units of the wrench's size.
             self._unit = float(np.abs(problem.f).max()) or 1.0
             self._load(self._view, self._unit)
+        self._problem = problem
 
     @abstractmethod
     def _load(self, view: Active, unit: float) -> None:
