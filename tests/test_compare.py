@@ -1,11 +1,13 @@
 """``compare``: the measures are right, the files hold them, the paper's figures stand beside."""
 
+import itertools
 import json
 import math
 
 import numpy as np
 import pytest
 from grasps import plant
+from rich.console import Console
 from typer.testing import CliRunner
 
 import graspforce as gf
@@ -176,9 +178,20 @@ def test_a_missing_package_is_a_row_with_the_pip_line(monkeypatch):
     row = measure(gone, compare.task("static"), whole=False)
     assert "pip install 'graspforce[baselines]'" in row.missing
     alone = compare.Comparison((compare.task("static"),), (row,))
-    assert "pip install" in output.table(alone, "static").caption
+    console = Console(width=200)
+    with console.capture() as printed:
+        console.print(output.table(alone, "static"))
+    assert "sdp: this method needs nothing: pip install 'graspforce[baselines]'" in printed.get()
     assert alone.of("static", "sdp") is None
     assert math.isfinite(json.loads(alone.to_json())["paper"]["factor"])
+
+
+def test_a_name_with_brackets_is_printed_as_it_stands():
+    console = Console(width=200)
+    task = compare.Task("grasps[bold].json", compare.task("static").problems, None)
+    with console.capture() as printed:
+        console.print(output.table(compare.Comparison((task,), ()), task.name))
+    assert "grasps[bold].json" in printed.get()
 
 
 def test_the_command_prints_and_writes(tmp_path):

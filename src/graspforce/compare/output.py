@@ -31,8 +31,9 @@ def table(found: Comparison, task: str) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title=task,
-                  title_justify="left")  # fmt: skip
+    # Text is printed as it stands; brackets in a plain string would be taken for markup.
+    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title=Text(task),
+                  title_justify="left", caption_justify="left")  # fmt: skip
     shown.add_column("method", no_wrap=True)
     for heading in HEADINGS:
         shown.add_column(Text(heading), justify="right", overflow="fold")
@@ -42,7 +43,7 @@ def table(found: Comparison, task: str) -> Table:
             shown.add_row(row.method, *cells(row))
         elif row.task == task:
             missing.append(f"{row.method}: {row.missing}")
-    shown.caption = "\n".join(missing) or None
+    shown.caption = Text("\n".join(missing)) if missing else None
     return shown
 
 
