@@ -122,7 +122,7 @@ def test_the_regrasp_runs_under_every_method():
     assert jumps["wbf"] == pytest.approx(jumps["wbf_conic"], abs=1e-3)
     assert jumps["wbf"] < 0.2
     assert jumps["lp"] > 1
-    for smooth in ("dikin", "sdp", "neural_network", "qp", "socp_norm"):
+    for smooth in ("dikin", "sdp", "neural_network", "qp", "socp_norm", "socp_norm_scs"):
         assert 0.2 < jumps[smooth] < 0.4
 
 

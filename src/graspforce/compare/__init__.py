@@ -176,5 +176,6 @@ def _row(row: Measured) -> dict[str, Any]:
         else [[x if math.isfinite(x) else None for x in each] for each in row.normal_forces],
         "statuses": row.statuses,
         "infeasible": row.infeasible,
+        "unbounded": row.unbounded,
         "failures": row.failures,
     }

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 HEADINGS = (
     "ran", "cold\n[µs]", "warm\n[µs]", "iterations\ncold, warm", "kflop\na step", "kflop\na solve",
     "slip\nmargin\n[N]", "torque\nmargin\n[N·m]", "largest\nnormal\n[N]", "largest\njump\n[N]",
-    "infea-\nsible", "fail-\nures",
+    "infeasible,\nunbounded", "fail-\nures",
 )  # fmt: skip
 
 
@@ -66,7 +66,7 @@ def cells(row: Measured) -> list[str]:
         _number(row.torque_margin, 2),
         _number(row.largest_normal),
         _number(row.largest_jump, 2),
-        str(row.infeasible),
+        f"{row.infeasible}, {row.unbounded}",
         str(row.failures),
     ]
 
