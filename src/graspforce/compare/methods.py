@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from graspforce.baselines import METHODS
+from graspforce.baselines._conic import SOLVERS
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 from graspforce.servo import Servo
@@ -18,7 +19,14 @@ from graspforce.solve import solve
 
 WBF = "wbf"
 # A baseline with other options than its defaults, as a method of its own.
-VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {"socp_norm": ("socp", {"objective": "norm"})}
+VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "socp_norm": ("socp", {"objective": "norm"}),
+    **{
+        f"socp_norm_{solver}": ("socp", {"objective": "norm", "solver": solver})
+        for solver in SOLVERS
+        if solver != "clarabel"
+    },
+}
 NAMES: tuple[str, ...] = (WBF, *sorted((*METHODS, *VARIANTS)))
 """Every method that there is, installed or not."""
 
@@ -69,12 +77,12 @@ def method(name: str) -> Method:
 
 
 def chosen(names: Sequence[str] | None) -> list[Method]:
-    """Return the methods of these names, or all.
+    """Return the methods of these names, each once, or all.
 
     Raises:
         InvalidInputError: an unknown name.
     """
-    return [method(name) for name in (NAMES if names is None else names)]
+    return [method(name) for name in dict.fromkeys(NAMES if names is None else names)]
 
 
 class _Stream:
