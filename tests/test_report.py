@@ -17,6 +17,7 @@ from graspforce import figures, report
 from graspforce.compare import methods
 from graspforce.report import page, timing
 
+report_compared = report.COMPARED
 COMPARED = ("dynamic",)  # the regrasp takes the slow methods too long for a test
 PHYSICS = ("hold", "circle", "regrasp")
 
@@ -225,7 +226,12 @@ def test_a_missing_extra_is_named_before_any_work(tmp_path, monkeypatch, module,
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
     with pytest.raises(gf.MissingExtraError, match=rf"{package}.*graspforce\[figures\]"):
-        report.reproduce(tmp_path)
+        report.reproduce(tmp_path / "results")
+    assert not (tmp_path / "results").exists()
+
+
+def test_the_paper_tasks_are_all_compared():
+    assert set(report_compared) == {"static", "dynamic", "regrasp"}
 
 
 def test_the_table_of_equations_names_what_there_is():

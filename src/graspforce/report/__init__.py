@@ -35,8 +35,8 @@ from graspforce.report.timing import measure_times, time_claims
 from graspforce.scenarios import Log
 from graspforce.settings import Settings
 
-# The tasks on which the methods are compared; at rest there is nothing to jump.
-COMPARED = ("dynamic", "regrasp")
+# The tasks on which the methods are compared.
+COMPARED = scenarios.NAMES
 
 # Called with a stage's name, how much of it is done, and its total.
 Progress: TypeAlias = Callable[[str, int, int], None]
@@ -58,11 +58,12 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
         InvalidInputError: ``out`` is no folder to write into.
         MissingExtraError: matplotlib, jinja2, mujoco or imageio is not installed.
     """
-    folder = _writable_folder(Path(out))
     tell = progress or _say_nothing
-    style.new_figure()  # a missing extra is found before the work, not after it
+    style.new_figure()  # a missing extra is found before the work, and before a folder is made
     page = template()
     from graspforce.report import physics  # needs MuJoCo, which may be the next to be missing
+
+    folder = _writable_folder(Path(out))
 
     logs = {name: _run(name, tell) for name in scenarios.NAMES}
     sweep = scenarios.sweep_alpha()
