@@ -10,7 +10,6 @@ some times more, and the difference of their totals is what the further ticks to
 from __future__ import annotations
 
 import argparse
-import datetime
 import gc
 import importlib.util
 import os
@@ -23,11 +22,10 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from saving import show, writable
 
 from graspforce import _engine, scenarios
-from graspforce.baselines import socp
 from graspforce.compare import methods
-from graspforce.report.machine import describe_machine
 
 FIRST = 2  # ticks that warm up, in a stream and otherwise
 TICKS = {"wbf": 200, "gradient_flow": 1, "neural_network": 2}  # to count; of the others MANY
@@ -56,22 +54,14 @@ def works() -> list[Work]:
             (f"wbf, C++ alone|{cold}", len(problems), lambda cold=cold: _native(problems, cold))
         )
     for name in methods.NAMES:
+        if name == "socp_norm_moreau":  # its threads do not survive a fork
+            continue
+        if name == "socp_norm_ecos" and importlib.util.find_spec("ecos") is None:
+            continue
         method, count = methods.method(name), TICKS.get(name, MANY)
         found.append((f"{name}|True", count, ticks(lambda method=method: method.cold)))
         if method.warm is not None:
             found.append((f"{name}|False", count, ticks(method.warm)))
-    for solver in ("qoco", "scs", "ecos"):  # Moreau's threads do not survive a fork
-        if importlib.util.find_spec(solver) is None:
-            continue
-        options = {"solver": solver, "objective": "norm"}
-        found.append((
-            f"socp_norm, {solver}|True", MANY,
-            ticks(lambda options=options: lambda problem: socp.solve(problem, **options)),
-        ))  # fmt: skip
-        found.append((
-            f"socp_norm, {solver}|False", MANY,
-            ticks(lambda options=options: socp.Prepared(problems[0], **options).solve),
-        ))  # fmt: skip
     return found
 
 
@@ -125,7 +115,7 @@ def _total(path: Path) -> int:
 
 
 def table(found: dict[tuple[str, bool], float]) -> Table:
-    result = Table(title="thousand instructions a tick, the paper's dynamic task")
+    result = Table(title="thousand instructions a tick by Callgrind, the paper's dynamic task")
     for heading in ("method", "from scratch", "from the tick before"):
         result.add_column(heading, justify="left" if heading == "method" else "right")
     for name in dict.fromkeys(name for name, _ in found):
@@ -136,7 +126,7 @@ def table(found: dict[tuple[str, bool], float]) -> Table:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--save", type=Path, help="write the table to this file")
+    parser.add_argument("--save", type=writable, help="write the table to this file")
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.inside:
@@ -145,14 +135,7 @@ def main() -> int:
     console = Console()
     with console.status("counting") as status:
         found = measure(lambda name: status.update(f"counted {name}"))
-    machine = describe_machine()
-    for each in (console, options.save and Console(file=options.save.open("w"), width=90)):
-        if each:
-            each.print(table(found))
-            each.print(
-                f"Callgrind on {machine['cpu']}, Python {machine['python']}, "
-                f"{datetime.date.today()}"
-            )
+    show(table(found), options.save, width=90)
     return 0
 
 

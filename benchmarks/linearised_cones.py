@@ -9,19 +9,17 @@ ones leave the true cones. The data are those of ``../shared/data/allegro_ycb.np
 from __future__ import annotations
 
 import argparse
-import datetime
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
+from saving import show, writable
 
 import graspforce as gf
 from graspforce.baselines import qp, socp
-from graspforce.report.machine import describe_machine
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data" / "allegro_ycb.npz"
 DIRECTIONS = np.vstack((np.eye(3), -np.eye(3)))
@@ -96,18 +94,12 @@ def table(rows: list[Row], problems: int) -> Table:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--save", type=Path, help="write the table to this file")
+    parser.add_argument("--save", type=writable, help="write the table to this file")
     options = parser.parse_args()
+    if not options.data.is_file():
+        parser.error(f"there are no grasps at {options.data}; --data says where else")
     problems = list(grasps(options.data))
-    rows = judge(problems)
-    machine = describe_machine()
-    for console in (Console(), options.save and Console(file=options.save.open("w"), width=110)):
-        if console:
-            console.print(table(rows, len(problems)))
-            console.print(
-                f"{machine['cpu']}, {machine['cores']} cores, Python {machine['python']}, "
-                f"{datetime.date.today()}"
-            )
+    show(table(judge(problems), len(problems)), options.save, width=110)
     return 0
 
 
