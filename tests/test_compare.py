@@ -270,6 +270,11 @@ def test_the_command_prints_and_writes(tmp_path):
     )
     assert run.exit_code == 0, run.output
     assert "dikin" in run.output
+    document = json.loads((tmp_path / "comparison.json").read_text())
+    assert document["graspforce"] == gf.__version__
+    assert document["date"].startswith("20")
+    assert {"cpu", "python", "numpy"} <= set(document["machine"])
+    assert {"clarabel", "highspy", "scipy"} <= set(document["machine"]["solvers"])
     names = {"comparison.json", "times_static.png", "forces_static.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
 

@@ -45,6 +45,7 @@ def compare(
     with one_line_errors():
         from graspforce import compare as comparing
         from graspforce.compare import output
+        from graspforce.report.machine import describe_run
 
         if out is not None:
             output.prepare(out)
@@ -57,5 +58,5 @@ def compare(
         for claim in found.claims():
             console.print(f"The paper: {claim.paper}\nMeasured:  {claim.measured}\n")
         if out is not None:
-            output.write(found, out)
+            output.write(found, out, describe_run())
             typer.echo(f"Everything about it is in {out}")

@@ -113,12 +113,21 @@ class Comparison:
                 {"paper": claim.paper, "measured": claim.measured, "holds": claim.holds}
                 for claim in self.claims()
             ],
+            "tasks": [
+                {
+                    "task": each.name,
+                    "problems": len(each.problems),
+                    "time [s]": None if each.t is None else each.t.tolist(),
+                }
+                for each in self.tasks
+            ],
             "rows": [_row(row) for row in self.rows],
         }
 
-    def to_json(self) -> str:
-        """Return :meth:`as_dict` as JSON text."""
-        return json.dumps(self.as_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    def to_json(self, about: dict[str, Any] | None = None) -> str:
+        """Return :meth:`as_dict` as JSON text, after what else there is to say about the run."""
+        content = {**(about or {}), **self.as_dict()}
+        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
     def _first(self, name: str) -> ForceProblem:
         return next(each for each in self.tasks if each.name == name).problems[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -96,10 +96,16 @@ def prepare(folder: Path) -> None:
         ) from error
 
 
-def write(found: Comparison, folder: Path) -> None:
-    """Write ``comparison.json`` and, for each task, its plots, into a folder that exists."""
+def write(found: Comparison, folder: Path, about: dict[str, Any]) -> None:
+    """Write ``comparison.json`` and, for each task, its plots, into a folder that exists.
+
+    Args:
+        found: what to write.
+        folder: where to.
+        about: date, machine and versions, for the head of the JSON.
+    """
     with replacing(folder / "comparison.json") as temporary:
-        temporary.write_text(found.to_json(), encoding="utf-8")
+        temporary.write_text(found.to_json(about), encoding="utf-8")
     for stem, picture in pictures(found).items():
         with replacing(folder / f"{stem}.png") as temporary:
             temporary.write_bytes(style.render(picture, "png"))

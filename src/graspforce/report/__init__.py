@@ -17,7 +17,6 @@ import math
 import re
 import tempfile
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -29,7 +28,7 @@ from graspforce.errors import InvalidInputError
 from graspforce.figures import FIGURES, PaperFigure, grasp_picture, style
 from graspforce.files import replacing
 from graspforce.outcome import Status
-from graspforce.report.machine import describe_machine
+from graspforce.report.machine import describe_run
 from graspforce.report.page import EQUATIONS, template
 from graspforce.report.timing import measure_times, time_claims
 from graspforce.scenarios import Log
@@ -74,9 +73,7 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
         COMPARED, progress=lambda task, done, total: tell(f"methods: {task}", done, total)
     )
     results: dict[str, Any] = {
-        "graspforce": _version(),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": describe_machine(),
+        **describe_run(),
         "timing": times,
         "scenarios": {name: _summary(log) for name, log in logs.items()},
         "physics": simulated,
@@ -217,9 +214,3 @@ def _write(path: Path, content: bytes) -> bytes:
 
 def _say_nothing(stage: str, done: int, total: int) -> None:
     """Serve as the progress of who asked for none."""
-
-
-def _version() -> str:
-    import graspforce
-
-    return graspforce.__version__

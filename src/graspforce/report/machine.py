@@ -5,10 +5,16 @@ from __future__ import annotations
 import os
 import platform
 import re
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+# The packages that baselines call, as they are called in an index.
+SOLVERS = ("clarabel", "daqp", "ecos", "highspy", "moreau", "qoco", "scipy", "scs")
 
 
 def describe_machine() -> dict[str, Any]:
@@ -19,6 +25,29 @@ def describe_machine() -> dict[str, Any]:
         "platform": platform.platform(),
         "python": platform.python_version(),
         "numpy": np.__version__,
+        "solvers": _versions(SOLVERS),
+    }
+
+
+def _versions(packages: Iterable[str]) -> dict[str, str]:
+    """Return the versions of those packages that are installed."""
+    found: dict[str, str] = {}
+    for package in packages:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def describe_run() -> dict[str, Any]:
+    """Return what a file of results begins with: version, date and time in UTC, machine."""
+    import graspforce
+
+    return {
+        "graspforce": graspforce.__version__,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": describe_machine(),
     }
 
 
