@@ -74,29 +74,39 @@ class Comparison:
                 holds=bool(0.75 <= dense / flops.PAPER_WBF_STEP <= 4 / 3),
             ),
             Claim(
-                paper=(
-                    "An SDP takes roughly 24 kflops an iteration and 5 iterations: over "
-                    "120 kflops a tick."
-                ),
+                paper="An iteration of an SDP solver takes roughly 24 kflops.",
+                measured=f"{step / 1e3:.1f} kflops by the paper's rule.",
+                numbers={"iteration": step},
+                holds=bool(0.75 <= step / flops.PAPER_SDP_STEP <= 4 / 3),
+            ),
+            Claim(
+                paper="An SDP solver takes 5 iterations.",
+                measured=f"Clarabel takes {iterations:.1f} from scratch, to all its digits.",
+                numbers={"iterations": iterations},
+                holds=bool(iterations <= flops.PAPER_SDP_STEPS + 0.5),
+            ),
+            Claim(
+                paper="A tick of the SDP takes over 120 kflops.",
                 measured=(
-                    f"{step / 1e3:.1f} kflops an iteration by the paper's rule; Clarabel takes "
-                    f"{iterations:.1f} iterations, {step * iterations / 1e3:.0f} kflops a tick."
+                    f"{step * iterations / 1e3:.0f} kflops with those iterations; "
+                    f"{step * flops.PAPER_SDP_STEPS / 1e3:.0f} with {flops.PAPER_SDP_STEPS}."
                 ),
-                numbers={"iteration": step, "iterations": iterations},
+                numbers={"tick": step * iterations},
                 holds=bool(step * iterations > flops.PAPER_SDP_SOLVE),
             ),
             Claim(
                 paper="The WBF costs at least an order of magnitude less than an SDP solver.",
                 measured=(
                     f"{step * iterations / (block * mine):.0f} times fewer operations by "
-                    f"formula; {ratio:.0f} times less time a tick, both from Python, the "
-                    "SDP set up anew each time."
+                    f"formula. {ratio:.0f} times less time a tick, both from Python; that of the "
+                    "SDP is in good part NumPy's, which assembles its matrices: it says little "
+                    "of the algorithms."
                 ),
                 numbers={
                     "flops, factor": step * iterations / (block * mine),
                     "time, factor": ratio,
                 },
-                holds=bool(min(ratio, step * iterations / (block * mine)) >= flops.PAPER_FACTOR),
+                holds=bool(step * iterations / (block * mine) >= flops.PAPER_FACTOR),
             ),
         ]
 
@@ -106,6 +116,7 @@ class Comparison:
             "paper": {
                 "wbf step [flop]": flops.PAPER_WBF_STEP,
                 "sdp iteration [flop]": flops.PAPER_SDP_STEP,
+                "sdp iterations": flops.PAPER_SDP_STEPS,
                 "sdp solve [flop]": flops.PAPER_SDP_SOLVE,
                 "factor": flops.PAPER_FACTOR,
             },

@@ -20,6 +20,7 @@ from graspforce.problem import ForceProblem
 # The paper's own figures, Section IV-B.3, for its four fingers.
 PAPER_WBF_STEP = 12e3
 PAPER_SDP_STEP = 24e3
+PAPER_SDP_STEPS = 5
 PAPER_SDP_SOLVE = 120e3
 PAPER_FACTOR = 10.0
 
