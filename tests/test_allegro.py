@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import graspforce as gf
-from graspforce.baselines import lp, socp
+from graspforce.baselines import compact_dual, dikin, lp, sdp, socp
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import linearised_cones
@@ -117,3 +117,17 @@ def test_inner_pyramids_call_feasible_grasps_infeasible(shared_data):
     assert all(gf.solve(problem).verify().ok for problem in lost)
     (row,) = linearised_cones.judge(lost, facets=(4,))
     assert row.lost == row.feasible == len(lost)
+
+
+@pytest.mark.parametrize("method", [dikin, sdp, compact_dual])
+def test_the_papers_methods_solve_191_and_prove_2(allegro, method):
+    feasible = allegro["ref_status"] == "Solved"
+    least = allegro["ref_min_max_normal"]
+    for i, problem in enumerate(problems(allegro, 5)):
+        solution = method.solve(problem)
+        if feasible[i]:
+            assert solution.status is gf.Status.SOLVED
+            assert solution.normal_forces.max() >= least[i] - 1e-6
+        else:
+            assert solution.status is gf.Status.INFEASIBLE
+            assert solution.verify().ok

@@ -1,6 +1,7 @@
 """The methods by foreign solvers: each objective against another solver, and kept workspaces."""
 
 import itertools
+import json
 import subprocess
 import sys
 from functools import partial
@@ -8,14 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from baseline_oracles import limits, random_problems
+from baseline_oracles import lp_distance, random_problems
 from baseline_oracles import socp as oracle
-from grasps import components, cone_matrix, plant
+from grasps import plant
 
 import graspforce as gf
 from graspforce import files, scenarios
 from graspforce.baselines import lp, minimum_norm, qp, socp, wbf_conic
-from graspforce.baselines._pyramids import facet_rows
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SOLVERS = ("clarabel", "qoco", "scs")
@@ -96,25 +96,6 @@ def test_lp_and_qp_agree_with_an_interior_point_solver(cones, facets, rng):
         assert safest.verify().ok or cones == "outer"
 
 
-def lp_distance(solution, facets, cones):
-    """The smallest distance of an answer to facets and limits, from the definitions."""
-    problem, c = solution.problem, solution.c
-    A, b = limits(problem)
-    units = np.ones(problem.m)
-    slacks = []
-    for model, part, here in zip(
-        problem.models, components(problem.models), problem.active, strict=True
-    ):
-        scale = np.diag(cone_matrix(model)).copy()
-        scale[0] = 1.0
-        units[part] = scale
-        if here:
-            rows = facet_rows(model, facets, cones == "inner")
-            slacks.append(-rows @ c[part] / np.linalg.norm(rows / scale, axis=1))
-    slacks.append((b - A @ c) / np.linalg.norm(A / units, axis=1))
-    return np.concatenate(slacks).min()
-
-
 @pytest.mark.parametrize("objective", ["normal", "distance"])
 def test_many_facets_approach_the_exact_cones_from_both_sides(objective):
     sign = 1 if objective == "normal" else -1  # less is better, or more is
@@ -175,15 +156,32 @@ def test_minimum_norm_is_the_pseudo_inverse_and_heeds_no_limit(rng):
     assert not paper.verify().ok
 
 
-def test_nose_cone(shared_data):
+def test_nose_cone():
     ((_, example),) = files.read(EXAMPLES / "nose_cone.json")
-    ((_, problem),) = files.read(EXAMPLES / "nose_cone.json")
-    assert (shared_data / "nose_cone.json").exists()
     for solver in SOLVERS:
-        assert largest(socp.solve(problem, solver=solver)) == pytest.approx(0.49108896, abs=1e-7)
+        assert largest(socp.solve(example, solver=solver)) == pytest.approx(0.49108896, abs=1e-7)
     below = largest(lp.solve(example, objective="normal", facets=64, cones="outer"))
     above = largest(lp.solve(example, objective="normal", facets=64))
     assert below < 0.49108896 < above < 0.4925
+
+
+def test_nose_cones_have_the_optima_of_the_shared_data(shared_data):
+    """5 to 100 contacts, a floor under the forces, friction above and below what it takes."""
+    cones = json.loads((shared_data / "nose_cone.json").read_text(encoding="utf-8"))
+    assert len(cones) == 7
+    assert cones[0]["optimum"] == pytest.approx(0.49108896, abs=1e-8)
+    for cone in cones:
+        places = zip(cone["contact_points"], cone["inward_normals"], strict=True)
+        grasp = gf.Grasp([gf.Contact(*place, gf.PCWF(cone["mu"])) for place in places])
+        problem = grasp.problem(cone["f_to_exert"], c_min=cone["nf_lower"] or None)
+        solution = socp.solve(problem)
+        if cone["optimum"] is None:
+            assert solution.status is gf.Status.INFEASIBLE
+            assert solution.verify().ok
+            continue
+        assert solution.status is gf.Status.SOLVED
+        assert largest(solution) == pytest.approx(cone["optimum"], abs=1e-6)
+        assert solution.normal_forces.min() >= cone["nf_lower"] - 1e-8
 
 
 @pytest.mark.parametrize(
