@@ -114,6 +114,25 @@ def socp(problem, objective, facets=None, inner=True):
     return value, np.array(found.x)[:m]
 
 
+def lp_distance(solution, facets, cones):
+    """The smallest distance of an answer to facets and limits, from the definitions."""
+    problem, c = solution.problem, solution.c
+    A, b = limits(problem)
+    units = np.ones(problem.m)
+    slacks = []
+    for model, part, here in zip(
+        problem.models, components(problem.models), problem.active, strict=True
+    ):
+        scale = np.diag(cone_matrix(model)).copy()
+        scale[0] = 1.0
+        units[part] = scale
+        if here:
+            rows = facet_rows(model, facets, cones == "inner")
+            slacks.append(-rows @ c[part] / np.linalg.norm(rows / scale, axis=1))
+    slacks.append((b - A @ c) / np.linalg.norm(A / units, axis=1))
+    return np.concatenate(slacks).min()
+
+
 def effort_and_barrier(problem, c, barrier):
     """Σ normal forces − barrier·ln det P, det P from its closed form s^(d−1)(s² − ‖t‖²)."""
     A, b = limits(problem)
@@ -124,6 +143,8 @@ def effort_and_barrier(problem, c, barrier):
         if here:
             s, *t = cone_matrix(model) @ c[part]
             d = len(t)
+            if np.real(s) <= np.linalg.norm(np.real(t)):
+                return np.inf  # two negative factors have a positive product
             det = s if d == 0 else s ** (d - 1) * (s**2 - sum(x**2 for x in t))
             total = total + c[part][0] - barrier * np.log(det)
     return total
@@ -135,6 +156,8 @@ def least_effort_and_barrier(problem, barrier):
     fixed = np.vstack((problem.W, removed_columns(problem)))
     _, s, Vt = np.linalg.svd(fixed)
     N = Vt[(s > 1e-10 * s[0]).sum() :].T
+    if not N.size:
+        return effort_and_barrier(problem, start, barrier), start
 
     def value(x):
         with np.errstate(all="ignore"):

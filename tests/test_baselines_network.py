@@ -27,9 +27,9 @@ def test_projection_onto_the_cone_is_moreaus(rng):
 
 def test_ends_at_the_least_norm_from_rest_and_from_a_feasible_start(rng):
     paper = [scenarios.get("static").problem(0.0), scenarios.get("dynamic").problem(0.7)]
-    for problem in itertools.chain(paper, random_problems(rng, 4)):
+    for i, problem in enumerate(itertools.chain(paper, random_problems(rng, 35))):
         value, c = socp(problem, "norm")
-        for start in (None, gf.solve(problem, check=True).c):
+        for start in (None, gf.solve(problem, check=True).c)[i > 3 :]:
             solution = neural_network.solve(problem, start=start)
             assert solution.status is gf.Status.SOLVED
             assert solution.c @ solution.c / 2 == pytest.approx(value, abs=1e-6)

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from graspforce.baselines import METHODS
 from graspforce.compare import NAMES
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+import convergence
 import instructions
 import saving
 
@@ -35,7 +37,7 @@ def test_totals_of_callgrind_files(tmp_path):
     assert instructions._total(file) == 123456
 
 
-@pytest.mark.parametrize("name", ["instructions", "linearised_cones"])
+@pytest.mark.parametrize("name", ["instructions", "linearised_cones", "convergence"])
 def test_a_file_that_cannot_be_written_is_refused_before_the_work(name, tmp_path):
     nowhere = tmp_path / "none" / "table.txt"
     run = subprocess.run(
@@ -63,3 +65,14 @@ def test_a_path_that_is_only_asked_for_is_left_alone(tmp_path):
     assert saving.writable(str(new)) == new
     assert old.read_text() == "kept"
     assert not new.exists()
+
+
+def test_the_table_of_convergence_has_every_method():
+    grasps = list(convergence.problems(2))
+    rows = [convergence.judge(method, grasps) for method in convergence.methods()]
+    assert {row.name.split(",")[0] for row in rows} == set(METHODS)
+    for row in rows:
+        assert row.unsolved == 0
+        assert row.objective < 1e-6
+        assert len(row.steps) == len(grasps)
+    assert len(convergence.table(rows, 2).rows) == len(rows)

@@ -41,7 +41,7 @@ from graspforce.solution import Solution
 # Accuracy of the path; the end is judged by how still it stands. In units of the wrench's size.
 RELATIVE, ABSOLUTE = 1e-4, 1e-7
 # Multipliers of this size, in the same unit, or this many steps raise the question whether any
-# force will do: without one the flow has no end. With one it takes some 60 to 600 steps.
+# force will do: without one the flow has no end. With one it takes some 60 to 750 steps.
 SUSPICIOUS = 1e3
 PATIENCE = 200
 # The widest contact, to which the others are padded with zero tangents.
