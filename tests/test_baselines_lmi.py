@@ -135,6 +135,50 @@ def test_forces_scale_with_the_problem(method):
     assert method.solve(doubled, barrier=0.2).c == pytest.approx(2 * c, abs=2e-4)
 
 
+FORCES = ("f", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "b")
+
+
+def in_other_units(problem, scale):
+    """The same problem with all forces times a number."""
+    given = problem.arguments()
+    return gf.ForceProblem(
+        **(given | {name: scale * given[name] for name in FORCES if given[name] is not None})
+    )
+
+
+@pytest.mark.parametrize(("method", "most"), [(sdp, 6), (dikin, 1)])
+def test_verdicts_are_those_of_solve_far_from_the_papers_forces(method, most, rng):
+    """Dikin's steps have no end in 200 where the barrier is a tiny part of the forces."""
+    for problem in itertools.chain(paper_grasps(), random_problems(rng, 4)):
+        others = [problem.replace(f=10.0**k * problem.f) for k in (-8, -5, 4, 6, 9)]
+        others += [in_other_units(problem, 10.0**k) for k in (-8, -5, most)]
+        for other in others:
+            assert method.solve(other).status is gf.solve(other).status
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e4])
+@pytest.mark.parametrize("objective", ["normals", "norm"])
+def test_the_sdp_is_the_same_in_any_unit_of_force(scale, objective):
+    problem = paper_grasps()[1]
+    other = in_other_units(problem, scale)
+    degree = 1 if objective == "normals" else 2
+    for barrier in (0.0, 0.1):
+        one = sdp.solve(problem, barrier=barrier, objective=objective)
+        two = sdp.solve(other, barrier=scale**degree * barrier, objective=objective)
+        assert one.status is two.status is gf.Status.SOLVED
+        assert two.c / scale == pytest.approx(one.c, abs=1e-3)
+        assert two.nu / scale ** (degree - 1) == pytest.approx(one.nu, abs=1e-3)
+
+
+def test_last_newton_steps_where_clarabel_ends_short():
+    scenario = scenarios.get("regrasp", shape="smooth")
+    for t in np.arange(0.49, 0.5, 0.0005):
+        problem = scenario.problem(float(t))
+        solution = sdp.solve(problem)
+        assert solution.status is gf.Status.SOLVED
+        assert solution.c == pytest.approx(dikin.solve(problem).c, abs=1e-4)
+
+
 def test_nu_is_the_price_of_the_wrench():
     problem = paper_grasps()[0]
     for options in ({"barrier": 0.1}, {"barrier": 0}):

@@ -37,8 +37,10 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
     c_p, N = reference.particular_and_nullspace(view.W, view.problem.f)
     in_c = Lmi.of(view)
     strict = in_c.substitute(c_p, N)
-    relaxed = strict.widen(*view.violation_units)
-    x = np.append(np.zeros(N.shape[1]), 1.2 * view.violation(c_p) + 0.1)
+    # Sigma is in units of the first violation, which an overload makes as large as one likes.
+    size = max(1.0, view.violation(c_p))
+    relaxed = strict.widen(*(size * units for units in view.violation_units))
+    x = np.append(np.zeros(N.shape[1]), 1.2 * view.violation(c_p) / size + 0.1)
     weight, steps, proof, status = 10.0, 0, None, Status.MAX_STEPS
     while steps < MAX_STEPS:
         if strict.at(x[:-1]).inside:
@@ -72,7 +74,7 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
     every = np.zeros(len(counted))
     every[counted] = z
     return Solution(
-        PlainOutcome(Status.INFEASIBLE, steps, c, y, violation=float(x[-1]), y=y, z=every),
+        PlainOutcome(Status.INFEASIBLE, steps, c, y, violation=size * float(x[-1]), y=y, z=every),
         view.problem,
     )
 

@@ -37,7 +37,8 @@ def solve(
 
     Args:
         problem: what to solve; its alpha has no part in this objective.
-        barrier: weight of −ln det P, above 0 [N]: the more, the firmer.
+        barrier: weight of −ln det P, above 0 [N]: the more, the firmer. The less it is beside the
+            wrench, the more steps it takes: below 1/100 of it ``max_steps`` may be too few.
         tol: bound on decrement²/2 of the objective / barrier at return.
         max_steps: the most steps after the start is found.
         start: contact forces to start from, shape (m,) [N, N·m]; W c = f need not hold. One

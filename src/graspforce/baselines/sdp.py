@@ -28,7 +28,7 @@ import numpy as np
 from graspforce import reference
 from graspforce._arrays import Array, as_array
 from graspforce.baselines._active import Active, answer, as_steps, run
-from graspforce.baselines._lmi import Lmi, half_square_decrement
+from graspforce.baselines._lmi import Lmi, dikin_direction, half_square_decrement, line_search
 from graspforce.baselines._start import proved
 from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.outcome import Status
@@ -38,6 +38,8 @@ from graspforce.solution import Solution
 PRECISION = 1e-10
 # The objective / barrier of an answer with barrier is at most this much above its minimum.
 NEARNESS = 1e-6
+# Where Clarabel comes only this near, Newton steps do the rest, at most so many.
+NEAR, LAST_STEPS = 1.0, 4
 
 
 def solve(
@@ -52,11 +54,14 @@ def solve(
     Args:
         problem: what to solve; its alpha has no part in this objective.
         barrier: weight of −ln det P, 0 or more [N, or N² with "norm"]: the more, the firmer.
+            Below some 1e-7 of the wrench Clarabel cannot tell it from none, and the status is
+            STALLED.
         objective: the effort, "normals" for Σ normal forces or "norm" for ‖c‖²/2.
         max_steps: the most iterations of Clarabel.
 
     Returns:
-        The forces; ``newton_steps`` counts Clarabel's iterations. INFEASIBLE comes with a
+        The forces; ``newton_steps`` counts Clarabel's iterations, and the last Newton steps where
+        it ended short of the precision. INFEASIBLE comes with a
         certificate that the phase of ``_start`` found, to the last digit of what NumPy can check.
 
     Raises:
@@ -173,11 +178,24 @@ def _matrices(entries: Array, p: int) -> Array:
     return M
 
 
+def _unit(view: Active, barrier: float) -> float:
+    """Return the size that the forces will have [N]; Clarabel's tolerances are absolute.
+
+    They balance the wrench and seek the barrier's size, as far as the limits let them.
+    """
+    wanted = max(float(np.abs(view.problem.f).max()), barrier) or 1.0
+    cones, _ = view.violation_units
+    return min(wanted, float(cones.max())) or wanted
+
+
 def _solve(
     view: Active, weight: float, objective: str, max_steps: int, clarabel: Any, sparse: Any
 ) -> Solution:
-    c_p, N = reference.particular_and_nullspace(view.W, view.problem.f)
-    in_c = Lmi.of(view)
+    normals = objective == "normals"
+    unit = _unit(view, weight if normals else weight**0.5)
+    weight /= unit if normals else unit**2
+    c_p, N = reference.particular_and_nullspace(view.W, view.problem.f / unit)
+    in_c = Lmi.of(replace(view, b=view.b / unit))
     in_x = in_c.substitute(c_p, N)
     block = _log_det if weight else _positive
     parts = [
@@ -188,10 +206,11 @@ def _solve(
     of_own = sparse.block_diag([part.of_own for part in parts])
     A = -sparse.hstack((np.vstack([part.of_x for part in parts]), of_own)).tocsc()
     own = of_own.shape[1]
-    normals = objective == "normals"
     linear = view.normals if normals else c_p
-    q = np.concatenate((N.T @ linear, *[-weight * part.profit for part in parts]))
-    Q = sparse.diags(np.repeat([0.0 if normals else 1.0, 0.0], [len(N.T), own])).tocsc()
+    heavy = max(1.0, weight)
+    q = np.concatenate((N.T @ linear, *[-weight * part.profit for part in parts])) / heavy
+    square = 0.0 if normals else 1 / heavy
+    Q = sparse.diags(np.repeat([square, 0.0], [len(N.T), own])).tocsc()
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
@@ -203,21 +222,33 @@ def _solve(
 
     word = str(found.status)
     steps = int(found.iterations)
-    c = c_p + N @ np.array(found.x)[: len(N.T)]
-    effort = view.normals if normals else c
+    x = np.array(found.x)[: len(N.T)]
     if word == "PrimalInfeasible":
-        return proved(view, answer(view, Status.STALLED, steps, c_p, np.zeros(len(c_p))))
+        return proved(view, answer(view, Status.STALLED, steps, unit * c_p, np.zeros(len(c_p))))
     failed = Status.MAX_STEPS if word == "MaxIterations" else Status.STALLED
+    solved = word == "Solved"
     if weight:
         # The barrier's Hessian is at hand, so the forces are judged by themselves: Clarabel's
-        # exponential cones sometimes end short of the precision asked for.
-        point = in_x.at(np.array(found.x)[: len(N.T)])
-        slope = N.T @ effort / weight + point.gradient
-        solved = point.inside and half_square_decrement(point, slope) <= NEARNESS
+        # exponential cones sometimes end short of the precision asked for, and a Newton step or
+        # two of the same objective make that up.
+        for _ in range(LAST_STEPS + 1):
+            point = in_x.at(x)
+            slope = N.T @ (view.normals if normals else c_p + N @ x) / weight + point.gradient
+            above = half_square_decrement(point, slope) if point.inside else np.inf
+            solved = bool(above <= NEARNESS)
+            if solved or above > NEAR or not normals:
+                break
+            d = dikin_direction(point, slope)
+            fall = float(view.normals @ (N @ d)) / weight
+            x = x + line_search(point.spectrum(d), fall, 1.0) * d
+            steps += 1
+    c = c_p + N @ x
+    effort = view.normals if normals else c
+    if weight:
         gradient = effort + weight * in_c.at(c).gradient
     else:
-        solved = word == "Solved"
         gradient = effort - _cone_forces(in_c, np.array(found.z))
+    c, gradient = unit * c, gradient if normals else unit * gradient
     if solved:
         return answer(view, Status.SOLVED, steps, c, gradient)
     return proved(view, answer(view, failed, steps, c, gradient))
