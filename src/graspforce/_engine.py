@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 import math
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol, TypeVar, cast
@@ -13,15 +14,36 @@ import numpy as np
 
 from graspforce import _core, reference
 from graspforce._arrays import Array
+from graspforce.errors import InvalidInputError
 from graspforce.outcome import Outcome, Start, Status
 from graspforce.problem import ForceProblem, Layout
 from graspforce.settings import Settings
 
 # The same core stands in further modules, built for wider and for more registers.
-_sets = ["", *(f"_{name}" for name in _core.instruction_sets())]
-modules: tuple[str, ...] = tuple(f"graspforce._core{name}" for name in _sets)
+_sets = ("baseline", *_core.instruction_sets())
+modules: tuple[str, ...] = (
+    "graspforce._core",
+    *(f"graspforce._core_{name}" for name in _sets[1:]),
+)
 """Every compiled core that this processor runs, the best last."""
-module: Any = importlib.import_module(modules[-1])
+
+
+def _choose_core() -> str:
+    """Return the module of the best core, or of the one that GRASPFORCE_CORE names.
+
+    Raises:
+        InvalidInputError: GRASPFORCE_CORE names no core, or one that this processor cannot run.
+    """
+    wanted = os.environ.get("GRASPFORCE_CORE") or _sets[-1]
+    if wanted not in _sets:
+        raise InvalidInputError(
+            f"GRASPFORCE_CORE (environment variable): got {wanted!r}, expected one of the cores "
+            f"that this processor runs: {', '.join(_sets)}"
+        )
+    return modules[_sets.index(wanted)]
+
+
+module: Any = importlib.import_module(_choose_core())
 NativeServo: type[_core.Servo] = module.Servo
 _native_solve: Callable[..., Any] = module.solve
 
