@@ -86,14 +86,15 @@ static void scaling_maps_slack_to_multiplier() {
   std::mt19937 random(2);
   std::normal_distribution<double> normal;
   for (int trial = 0; trial < 200; ++trial) {
-    double s[4], z[4], P[16];
+    double s[4], z[4], V[16], scaled[4];
     for (int i = 1; i < 4; ++i) s[i] = normal(random), z[i] = normal(random);
     s[0] = lorentz::radius(s, 4) * (1 + std::exp(normal(random)));
     z[0] = lorentz::radius(z, 4) * (1 + std::exp(normal(random)));
-    lorentz::scaling(s, z, 4, P);
+    lorentz::scale(s, z, 4, V, scaled);
     for (int i = 0; i < 4; ++i) {
-      EXPECT(std::abs(dot(P + 4 * i, s, 4) - z[i]) < 1e-11 * z[0]);
-      for (int j = 0; j < i; ++j) EXPECT(P[4 * i + j] == P[4 * j + i]);
+      EXPECT(std::abs(dot(V + 4 * i, s, 4) - scaled[i]) < 1e-11 * scaled[0]);
+      EXPECT(std::abs(dot(V + 4 * i, scaled, 4) - z[i]) < 1e-11 * z[0]);
+      for (int j = 0; j < i; ++j) EXPECT(V[4 * i + j] == V[4 * j + i]);
     }
   }
 }

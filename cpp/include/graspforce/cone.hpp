@@ -47,18 +47,29 @@ inline double step_limit(const double* s, const double* d, int n) {
   return a < 0 ? (b + root) / -a : kInfinity;  // b ≥ 0: only a downward parabola comes back
 }
 
-// The Nesterov-Todd Hessian: the symmetric n × n matrix P with P s = z for s, z inside the cone.
-inline void scaling(const double* s, const double* z, int n, double* P) {
+// The multiplier of s on the central path, z = −weight·∇(−ln det s).
+inline void center(const double* s, int n, double weight, double* z) {
+  const double twice = 2 * weight / determinant(s, n);
+  for (int i = 0; i < n; ++i) z[i] = (i == 0 ? twice : -twice) * s[i];
+}
+
+// The Nesterov-Todd scaling of s and z inside the cone: the symmetric n × n matrix V with
+// V s = V⁻¹ z, which is returned as `scaled`; V² takes the place of the barrier's Hessian.
+inline void scale(const double* s, const double* z, int n, double* V, double* scaled) {
   const double ds = std::sqrt(determinant(s, n)), dz = std::sqrt(determinant(z, n));
   double inner = 0;
   for (int i = 0; i < n; ++i) inner += s[i] / ds * (z[i] / dz);
-  const double norm = 1 / std::sqrt(2 * (1 + inner));
-  // P = (dz/ds)(2 v vᵀ − diag(1, −1, …)) with v = (z/dz + (s_0, −ŝ)/ds)·norm.
-  double v[4];
-  for (int i = 0; i < n; ++i) v[i] = norm * (z[i] / dz + (i == 0 ? s[i] : -s[i]) / ds);
+  const double norm = 1 / std::sqrt(2 * (1 + inner)), size = std::sqrt(dz / ds);
+  // V = size·(the boost that takes the cone's axis to w), w = (z/dz + (s_0, −ŝ)/ds)·norm.
+  double w[4];
+  for (int i = 0; i < n; ++i) w[i] = norm * (z[i] / dz + (i == 0 ? s[i] : -s[i]) / ds);
   for (int i = 0; i < n; ++i)
     for (int j = 0; j < n; ++j)
-      P[i * n + j] = dz / ds * (2 * v[i] * v[j] - (i != j ? 0 : i == 0 ? 1 : -1));
+      V[i * n + j] = size * (i == 0 || j == 0 ? w[i + j] : (i == j) + w[i] * w[j] / (1 + w[0]));
+  for (int i = 0; i < n; ++i) {
+    scaled[i] = 0;
+    for (int j = 0; j < n; ++j) scaled[i] += V[i * n + j] * s[j];
+  }
 }
 
 }  // namespace lorentz

@@ -11,8 +11,10 @@
 
 #include "graspforce/barrier.hpp"
 #include "graspforce/budget.hpp"
+#include "graspforce/floating_point.hpp"
 #include "graspforce/lane_barrier.hpp"
 #include "graspforce/newton.hpp"
+#include "graspforce/orthogonal_barrier.hpp"
 #include "graspforce/primal_dual.hpp"
 #include "graspforce/rank.hpp"
 
@@ -57,7 +59,9 @@ class Engine {
         four_(layout_),
         blocks_(layout_),
         barrier_(blocks_),
-        primal_dual_(blocks_),
+        least_squares_(blocks_),
+        orthogonal_barrier_(blocks_, least_squares_),
+        primal_dual_(blocks_, least_squares_),
         rank_(layout_),
         c_(layout.components()),
         nu_(layout.wrench_rows),
@@ -84,6 +88,7 @@ class Engine {
   // Solves from `start` (m forces) where it is inside the limits, else from nothing.
   const Result& solve(const double* packed, const Settings& settings,
                       const double* start = nullptr) {
+    const DefaultFloatingPoint environment;
     const Problem problem(offsets_, packed);
     unseen_ = kChangedAll;  // the next tick's numbers are compared with these, not with its last
     in_core(problem, settings, kChangedAll, [&](auto& barrier, Budget& budget, unsigned) {
@@ -102,6 +107,7 @@ class Engine {
   // from the tick before.
   const Result& tick(const double* packed, const Settings& settings,
                      unsigned changed = kChangedAll) {
+    const DefaultFloatingPoint environment;
     const Problem problem(offsets_, packed);
     changed |= unseen_;
     unseen_ = 0;
@@ -181,6 +187,8 @@ class Engine {
     structure_.find(problem);
     blocks_.allot(structure_);
     barrier_.allot();
+    least_squares_.allot();
+    orthogonal_barrier_.allot();
     primal_dual_.allot();
     kernels_ = Kernels::General;
     auto prefer = [&](auto& barrier, Kernels kernels) {
@@ -250,6 +258,7 @@ class Engine {
     if (was_deficient_) rows.restrict_rows(problem, rank_.rows());
   }
   void examine(Barrier&, const Problem& problem) { examine(blocks_, problem); }
+  void examine(OrthogonalBarrier&, const Problem& problem) { examine(blocks_, problem); }
 
   // Decrement of the Newton step from the barrier's point; infinite outside the limits, and when
   // f turns out to be out of W's range.
@@ -353,9 +362,11 @@ class Engine {
     }
     primal_dual_.follow(barrier.cone_weight(), barrier.limit_weight(), budget);
     primal_dual_.get_forces(c_.data());
-    barrier.set_forces(c_.data());
-    newton(barrier, first_step(barrier, problem), tol, budget, true);
-    if (result_.status != Status::Solved && barrier.runaway()) answer_nothing(Status::Unbounded);
+    orthogonal_barrier_.set_weights(barrier.cone_weight(), barrier.limit_weight());
+    orthogonal_barrier_.set_forces(c_.data());
+    newton(orthogonal_barrier_, first_step(orthogonal_barrier_, problem), tol, budget, true);
+    if (result_.status != Status::Solved && orthogonal_barrier_.runaway())
+      answer_nothing(Status::Unbounded);
   }
 
   // Newton's method from the barrier's point; true when that ends the solve: with a certified
@@ -403,6 +414,8 @@ class Engine {
   LaneBarrier<4, false> four_;
   Blocks blocks_;  // for all others, and for the primal–dual method
   Barrier barrier_;
+  LeastSquares least_squares_;  // of the two that follow
+  OrthogonalBarrier orthogonal_barrier_;
   PrimalDual primal_dual_;
   RankExamination rank_;
   std::vector<double> c_, nu_, y_, z_, guess_, ceiling_;

@@ -2,7 +2,7 @@
 //
 // Next to the point c it carries multipliers z of the limits and y of W c = f, and aims at slacks
 // s with s·z = w, a limit's weight in Phi (det-wise for the cones). Its step is Newton's with z/s
-// in the place of w/s² (Nesterov–Todd scaling P s = z for the cones), which follows a curved cone
+// in the place of w/s² (Nesterov–Todd scaling V² s = z for the cones), which follows a curved cone
 // along its boundary where Newton's own step is confined to a small ball. Two uses:
 //
 // `find_inside` is Phase 1 (Section III-C.5). One slack σ relaxes every limit by its own scale:
@@ -18,10 +18,10 @@
 #include <cmath>
 #include <vector>
 
-#include "graspforce/blocks.hpp"
+#include "graspforce/block_point.hpp"
 #include "graspforce/budget.hpp"
 #include "graspforce/certificate.hpp"
-#include "graspforce/schur.hpp"
+#include "graspforce/least_squares.hpp"
 
 namespace graspforce {
 
@@ -36,46 +36,36 @@ struct PhaseOneResult {
   double violation = 0;  // σ
 };
 
-class PrimalDual {
+class PrimalDual : public BlockPoint {
  public:
-  explicit PrimalDual(const Blocks& blocks)
-      : blocks_(blocks),
+  PrimalDual(const Blocks& blocks, LeastSquares& least_squares)
+      : BlockPoint(blocks),
+        least_squares_(least_squares),
         sides_(2 * std::size_t(blocks.layout().joints + blocks.layout().inequalities +
                                blocks.layout().contacts())),
         cones_(blocks.layout().contacts()),
-        arena_(blocks.layout().components() *
-               (7 + largest_block(blocks.layout()) + blocks.layout().wrench_rows)),
-        schur_(blocks.layout().wrench_rows),
+        arena_(largest_block(blocks.layout()) * (largest_block(blocks.layout()) + 2)),
         nu_(blocks.layout().wrench_rows),
-        aim_(nu_),
-        center_(nu_),
-        bend_(nu_) {
+        next_nu_(nu_),
+        missing_(nu_),
+        proof_y_(nu_),
+        proof_z_(limit_count(blocks.layout())),
+        best_(c_) {
     work_.reserve(blocks.layout().contacts());
   }
 
-  // Makes the vectors that are kept by block; needed after Blocks::allot. Does not allocate.
+  // Deals slacks and multipliers out to the blocks; needed after Blocks::allot. Does not allocate.
   void allot() {
-    const std::size_t k = blocks_.layout().wrench_rows;
-    std::size_t total = 0;
-    for (const Part& part : blocks_.parts()) total += part.q * (7 + part.q + k);
-    arena_.reset(total);
+    BlockPoint::allot();
     work_.clear();
     Side* sides = sides_.data();
     Lifted* cones = cones_.data();
     for (const Part& part : blocks_.parts()) {
-      const std::size_t q = part.q;
-      Work w;
-      for (double** vector : {&w.c, &w.d, &w.g, &w.h, &w.u, &w.v, &w.x}) *vector = arena_.take(q);
-      w.H = arena_.take(q * q);
-      w.Z = arena_.take(q * k);
-      w.hi = sides;
-      w.lo = sides + part.rows;
+      work_.push_back({sides, sides + part.rows, cones});
       sides += 2 * part.rows;
-      w.cones = cones;
       cones += part.tips.size();
-      std::fill(w.hi, sides, Side{});
-      work_.push_back(w);
     }
+    std::fill(sides_.data(), sides, Side{});
   }
 
   PhaseOneResult find_inside(const Problem& problem, Budget& budget, std::vector<double>& y,
@@ -85,7 +75,6 @@ class PrimalDual {
     bool proved = false, promising = false;
     for (bool first = true; budget.take(); first = false) {
       const double mu = complementarity();
-      evaluate();
       factor();
       // The step is affine in the target τ of the complementarity: aim at τ = 0, see how far that
       // gets, and centre the more the less it does. Multipliers that promise a proof are centred
@@ -105,25 +94,27 @@ class PrimalDual {
                              : PhaseOneResult::End::Closest;
         break;
       }
+      keep_best();
 
       const double bound = dual_bound();
       if (sigma_ < 0 && balanced() && (sigma_ < 0.5 * bound || sigma_ < -kRoomy)) {
         result.end = PhaseOneResult::End::Inside;
         return result;
       }
-      if (!proved && bound > 0) {
-        get_dual(y.data(), z.data());
-        proved = proves_infeasible(blocks_.layout(), problem, y.data(), z.data());
-      }
+      if (!proved && bound > 0) proved = prove(problem, y, z);
       promising = !proved && bound > 0 && !promising;
       const double gap = complementarity() * degree_;
-      if (gap < kClosest || (proved && std::min(gap, sigma_ - bound) < kLeast * sigma_)) {
+      if (gap < kClosest || (proved && std::max(gap, sigma_ - bound) < kLeast * sigma_)) {
         result.end = proved ? PhaseOneResult::End::Infeasible : PhaseOneResult::End::Closest;
         break;
       }
     }
-    result.violation = std::max(0.0, sigma_);
-    restore_wrench();
+    if (proved) prove(problem, y, z);  // the last multipliers bound σ best
+    if (least_violation_ < kInfinity)
+      c_ = best_;
+    else
+      restore_wrench();
+    result.violation = std::max(0.0, violation());
     return result;
   }
 
@@ -141,7 +132,6 @@ class PrimalDual {
       const bool there = cone_weight_ == cone_weight && limit_weight_ == limit_weight;
       if (there && feasible && distance_to_target() < kClose) return;
       if (!budget.take()) return;
-      evaluate();
       factor();
       direction(1);
       const double step = std::min(1.0, 0.99 * step_limit());
@@ -153,17 +143,10 @@ class PrimalDual {
     }
   }
 
-  // The force reached, in the problem's order; contacts out of the grasp get zero.
-  void get_forces(double* c) const {
-    std::fill(c, c + blocks_.layout().components(), 0.0);
-    for (std::size_t b = 0; b < work_.size(); ++b)
-      for (int i = 0; i < part(b).q; ++i) c[part(b).block->components[i]] = work_[b].c[i];
-  }
-
  private:
   static constexpr double kLeastCentering = 1e-3;
   static constexpr double kRoomy = 0.1;   // a relative slack with which Newton starts well
-  static constexpr double kLeast = 1e-6;  // relative accuracy of the least violation
+  static constexpr double kLeast = 1e-7;  // relative accuracy of the least violation
   static constexpr double kClosest = 1e-13;
   static constexpr double kLeastStep = 1e-6;
   static constexpr double kDescent = 0.1;  // of a weight on its way down, after a good step
@@ -173,22 +156,18 @@ class PrimalDual {
     double s = 0, z = 0, ds = 0, dz = 0;
   };
   struct Lifted {  // a contact's cone in Lorentz coordinates
-    double s[4], z[4], ds[4], dz[4], P[16];
+    double s[4], z[4], ds[4], dz[4];
+    double V[16], scaled[4], gamma[4];  // lorentz::scale; the scaled gradient of its barrier
   };
   struct Work {
-    double *c, *d, *g, *h, *u, *v;  // q: point, step, barrier gradient, σ column, L⁻¹ of both
-    double* x;                      // q: the part of the step that σ multiplies
-    double *H, *Z;                  // q × q, then its factor; q × k
-    Side *hi, *lo;                  // rows
-    Lifted* cones;                  // tips
+    Side *hi, *lo;  // rows
+    Lifted* cones;  // tips
   };
-
-  const Part& part(std::size_t b) const { return blocks_.parts()[b]; }
 
   // Every slack, multiplier and cone of the problem in turn.
   template <class Row, class Tips>
   void for_each(Row row, Tips tips) {
-    for (std::size_t b = 0; b < work_.size(); ++b) {
+    for (int b = 0; b < count(); ++b) {
       for (int r = 0; r < part(b).rows; ++r) {
         if (part(b).hi[r] < kInfinity) row(b, r, work_[b].hi[r], 1.0);
         if (part(b).lo[r] > -kInfinity) row(b, r, work_[b].lo[r], -1.0);
@@ -201,41 +180,48 @@ class PrimalDual {
   void relax() {
     relaxed_ = true;
     cone_weight_ = limit_weight_ = 1;
-    for (std::size_t b = 0; b < work_.size(); ++b) std::fill_n(work_[b].c, part(b).q, 0.0);
+    std::fill(c_.begin(), c_.end(), 0.0);
+    least_violation_ = kInfinity;
     restore_wrench();
-    sigma_ = 0;
-    update_slacks();
-    double least = -kInfinity;
     degree_ = 0;
-    for_each(
-        [&](std::size_t b, int r, Side& side, double) {
-          least = std::max(least, -side.s / part(b).scale[r]);
-          degree_ += 1;
-        },
-        [&](std::size_t, const Tip& tip, Lifted& cone) {
-          const double margin = cone.s[0] - lorentz::radius(cone.s, tip.cone.dim);
-          least = std::max(least, -margin / tip.cone_scale);
-          degree_ += 2;
-        });
-    sigma_ = 1.2 * std::max(0.0, least) + 0.1;
+    for_each([&](int, int, Side&, double) { degree_ += 1; },
+             [&](int, const Tip&, Lifted&) { degree_ += 2; });
+    sigma_ = 1.2 * std::max(0.0, violation()) + 0.1;
     update_slacks();
     aim_at_center(1);
     double weight = 0;
-    for_each(
-        [&](std::size_t b, int r, Side& side, double) { weight += part(b).scale[r] * side.z; },
-        [&](std::size_t, const Tip& tip, Lifted& cone) { weight += tip.cone_scale * cone.z[0]; });
+    for_each([&](int b, int r, Side& side, double) { weight += part(b).scale[r] * side.z; },
+             [&](int, const Tip& tip, Lifted& cone) { weight += tip.cone_scale * cone.z[0]; });
     aim_at_center(1 / weight);
     std::fill(nu_.begin(), nu_.end(), 0.0);
   }
 
+  // The σ that c needs.
+  double violation() {
+    sigma_ = 0;
+    update_slacks();
+    double least = -kInfinity;
+    for_each([&](int b, int r, Side& side,
+                 double) { least = std::max(least, -side.s / part(b).scale[r]); },
+             [&](int, const Tip& tip, Lifted& cone) {
+               const double margin = cone.s[0] - lorentz::radius(cone.s, tip.cone.dim);
+               least = std::max(least, -margin / tip.cone_scale);
+             });
+    return least;
+  }
+
+  // Remembers the point if it balances the wrench and needs less σ than those before.
+  void keep_best() {
+    if (!(sigma_ < least_violation_) || !balanced()) return;
+    least_violation_ = sigma_;
+    best_ = c_;
+  }
+
   // The multipliers whose products with the slacks are τ times the weights.
   void aim_at_center(double tau) {
-    for_each([&](std::size_t, int, Side& side, double) { side.z = tau * limit_weight_ / side.s; },
-             [&](std::size_t, const Tip& tip, Lifted& cone) {
-               const double twice =
-                   2 * tau * cone_weight_ / lorentz::determinant(cone.s, tip.cone.dim);
-               for (int i = 0; i < tip.cone.dim; ++i)
-                 cone.z[i] = (i == 0 ? twice : -twice) * cone.s[i];
+    for_each([&](int, int, Side& side, double) { side.z = tau * limit_weight_ / side.s; },
+             [&](int, const Tip& tip, Lifted& cone) {
+               lorentz::center(cone.s, tip.cone.dim, tau * cone_weight_, cone.z);
              });
   }
 
@@ -244,11 +230,11 @@ class PrimalDual {
   double distance_to_target() {
     double sum = 0;
     for_each(
-        [&](std::size_t, int, Side& side, double) {
+        [&](int, int, Side& side, double) {
           const double product = side.s * side.z, off = limit_weight_ - product;
           sum += off * off / product;
         },
-        [&](std::size_t, const Tip& tip, Lifted& cone) {
+        [&](int, const Tip& tip, Lifted& cone) {
           // ‖2w/λ − λ‖² for the scaled point λ with λ·λ = s·z and det λ = √(det s·det z).
           const int dim = tip.cone.dim;
           const double det =
@@ -262,154 +248,94 @@ class PrimalDual {
   // Slacks follow exactly from (c, σ): the point stays feasible to the last digit.
   void update_slacks() {
     for_each(
-        [&](std::size_t b, int r, Side& side, double sign) {
-          const double t = dot(part(b).a + r * part(b).q, work_[b].c, part(b).q);
+        [&](int b, int r, Side& side, double sign) {
+          const double t = dot(part(b).a + r * part(b).q, c(b), part(b).q);
           const double room = sign > 0 ? part(b).hi[r] - t : t - part(b).lo[r];
           side.s = room + sigma_ * part(b).scale[r];
         },
-        [&](std::size_t b, const Tip& tip, Lifted& cone) {
-          tip.cone.lift(work_[b].c + tip.first, cone.s);
+        [&](int b, const Tip& tip, Lifted& cone) {
+          tip.cone.lift(c(b) + tip.first, cone.s);
           cone.s[0] += sigma_ * tip.cone_scale;
         });
   }
 
-  // Removes what rounding has left of f − W c by the least change of the forces.
+  // Removes what is missing of f by the least change of the forces.
   void restore_wrench() {
-    const int k = blocks_.k();
-    std::copy(blocks_.f(), blocks_.f() + k, aim_.begin());
-    schur_.clear(k);
-    for (std::size_t b = 0; b < work_.size(); ++b) {
-      schur_.add(part(b).Wt, part(b).q);
-      for (int i = 0; i < part(b).q; ++i)
-        for (int r = 0; r < k; ++r) aim_[r] -= part(b).Wt[i * k + r] * work_[b].c[i];
-    }
-    schur_.factor();
-    schur_.solve(aim_.data());
-    for (std::size_t b = 0; b < work_.size(); ++b)
-      for (int i = 0; i < part(b).q; ++i) work_[b].c[i] += dot(part(b).Wt + i * k, aim_.data(), k);
+    missing_wrench(missing_.data());
+    least_squares_.set_least_norm(missing_.data());
+    least_squares_.least_norm_step(d_.data());
+    BlockPoint::advance(1);
   }
 
   double complementarity() {
     double sum = 0;
-    for_each([&](std::size_t, int, Side& side, double) { sum += side.s * side.z; },
-             [&](std::size_t, const Tip& tip, Lifted& cone) {
-               sum += dot(cone.s, cone.z, tip.cone.dim);
-             });
+    for_each([&](int, int, Side& side, double) { sum += side.s * side.z; },
+             [&](int, const Tip& tip, Lifted& cone) { sum += dot(cone.s, cone.z, tip.cone.dim); });
     return sum / degree_;
   }
 
-  // Scaled Hessian, σ column, and the gradient of the relaxed barrier.
-  void evaluate() {
-    sigma_gradient_ = sigma_hessian_ = 0;
-    for (const Work& w : work_) {
-      const int q = static_cast<int>(w.d - w.c);
-      std::fill(w.g, w.g + q, 0.0);
-      std::fill(w.h, w.h + q, 0.0);
-      std::fill(w.H, w.H + q * q, 0.0);
-    }
-    for_each(
-        [&](std::size_t b, int r, Side& side, double sign) {
-          const double inverse = 1 / side.s, weight = side.z * inverse, scale = part(b).scale[r];
-          const double* a = part(b).a + r * part(b).q;
-          add_scaled(sign * limit_weight_ * inverse, a, part(b).q, work_[b].g);
-          add_outer(a, part(b).q, weight, work_[b].H);
-          for (int i = 0; i < part(b).q; ++i) work_[b].h[i] -= sign * weight * scale * a[i];
-          sigma_gradient_ -= scale * limit_weight_ * inverse;
-          sigma_hessian_ += scale * scale * weight;
-        },
-        [&](std::size_t b, const Tip& tip, Lifted& cone) {
-          const int dim = tip.cone.dim, q = part(b).q;
-          lorentz::scaling(cone.s, cone.z, dim, cone.P);
-          const double twice = 2 * cone_weight_ / lorentz::determinant(cone.s, dim);
-          double *g = work_[b].g + tip.first, *h = work_[b].h + tip.first;
-          double* H = work_[b].H + tip.first * (q + 1);
-          for (int i = 0; i < dim; ++i) {
-            const double weight = tip.cone.weight(i);
-            g[i] += weight * twice * (i == 0 ? -cone.s[i] : cone.s[i]);
-            h[i] += weight * cone.P[i] * tip.cone_scale;
-            for (int j = 0; j <= i; ++j)
-              H[i * q + j] += weight * tip.cone.weight(j) * cone.P[i * dim + j];
-          }
-          sigma_gradient_ -= tip.cone_scale * twice * cone.s[0];
-          sigma_hessian_ += tip.cone_scale * tip.cone_scale * cone.P[0];
-        });
-  }
-
-  // Factors the blocks and the k × k system, and prepares the three right-hand sides: `aim_` for
-  // f − W c, `center_` for the barrier's gradient, `bend_` for the σ column.
+  // Sets the step up: the rows of G, √(z/s) a for a limit and V for a cone, each with its scaled
+  // gradient and its part of the σ column.
   void factor() {
-    const int k = blocks_.k();
-    schur_.clear(k);
-    std::copy(blocks_.f(), blocks_.f() + k, aim_.begin());
-    std::fill(center_.begin(), center_.end(), 0.0);
-    std::fill(bend_.begin(), bend_.end(), 0.0);
-    for (std::size_t b = 0; b < work_.size(); ++b) {
-      const Work& w = work_[b];
+    least_squares_.clear();
+    for (int b = 0; b < count(); ++b) {
       const int q = part(b).q;
-      cholesky(w.H, q);
-      std::copy(part(b).Wt, part(b).Wt + q * k, w.Z);
-      std::copy(w.g, w.g + q, w.u);
-      std::copy(w.h, w.h + q, w.v);
-      forward_substitute(w.H, q, w.Z, k);
-      forward_substitute(w.H, q, w.u);
-      forward_substitute(w.H, q, w.v);
-      schur_.add(w.Z, q);
-      for (int i = 0; i < q; ++i)
-        for (int r = 0; r < k; ++r) {
-          aim_[r] -= part(b).Wt[i * k + r] * w.c[i];
-          center_[r] += w.Z[i * k + r] * w.u[i];
-          bend_[r] += w.Z[i * k + r] * w.v[i];
+      for (int i = 0; i < part(b).tips.size(); ++i) {
+        const Tip& tip = part(b).tips[i];
+        Lifted& cone = work_[b].cones[i];
+        const int dim = tip.cone.dim;
+        lorentz::scale(cone.s, cone.z, dim, cone.V, cone.scaled);
+        lorentz::center(cone.scaled, dim, cone_weight_, cone.gamma);
+        for (int r = 0; r < dim; ++r) {
+          double* row = least_squares_.row(b, tip.first + r);
+          for (int j = 0; j < dim; ++j)
+            row[tip.first + j] = cone.V[r * dim + j] * tip.cone.weight(j);
+          row[q] = cone.gamma[r] = -cone.gamma[r];
+          row[q + 1] = cone.V[r * dim] * tip.cone_scale;
         }
-    }
-    schur_.factor();
-    schur_.solve(aim_.data());
-    schur_.solve(center_.data());
-    schur_.solve(bend_.data());
-    // In L's coordinates the step is Z(aim + τ center) − τ u + dσ (Z bend − v).
-    curvature_ = sigma_hessian_;
-    for (std::size_t b = 0; b < work_.size(); ++b) {
-      const Work& w = work_[b];
-      for (int i = 0; i < part(b).q; ++i) {
-        w.x[i] = dot(w.Z + i * k, bend_.data(), k) - w.v[i];
-        curvature_ += w.v[i] * w.x[i];
+      }
+      for (int r = 0; r < part(b).rows; ++r) {
+        // The two sides as one row, and one that no step reaches.
+        const Side &hi = work_[b].hi[r], &lo = work_[b].lo[r];
+        const bool above = part(b).hi[r]<kInfinity, below = part(b).lo[r]> - kInfinity;
+        const double up = above ? std::sqrt(hi.z / hi.s) : 0;
+        const double down = below ? std::sqrt(lo.z / lo.s) : 0;
+        const double size = std::hypot(up, down);
+        if (!(size > 0)) continue;
+        const double cosine = up / size, sine = down / size, scale = part(b).scale[r];
+        const double up_gamma = above ? limit_weight_ / std::sqrt(hi.s * hi.z) : 0;
+        const double down_gamma = below ? limit_weight_ / std::sqrt(lo.s * lo.z) : 0;
+        double* row = least_squares_.row(b, q + r);
+        add_scaled(size, part(b).a + r * q, q, row);
+        row[q] = cosine * up_gamma - sine * down_gamma;
+        row[q + 1] = (sine * down - cosine * up) * scale;
+        least_squares_.add_row(sine * up_gamma + cosine * down_gamma, -2 * sine * up * scale);
       }
     }
-    curvature_ = std::max(curvature_, 1e-15 * sigma_hessian_);
+    missing_wrench(missing_.data());
+    least_squares_.factor(missing_.data());
   }
 
-  // The step towards complementarity τ, with the multipliers it leads to in nu_next_.
+  // The step towards complementarity τ, with the multipliers it leads to in next_nu_.
   void direction(double tau) {
-    const int k = blocks_.k();
-    double slope = 1 + tau * sigma_gradient_;
-    for (std::size_t b = 0; b < work_.size(); ++b) {
-      const Work& w = work_[b];
-      for (int i = 0; i < part(b).q; ++i) {
-        const double* z = w.Z + i * k;
-        w.d[i] = dot(z, aim_.data(), k) + tau * (dot(z, center_.data(), k) - w.u[i]);
-        slope += w.v[i] * w.d[i];
-      }
-    }
-    dsigma_ = relaxed_ ? -slope / curvature_ : 0;
-    for (std::size_t b = 0; b < work_.size(); ++b) {
-      const Work& w = work_[b];
-      for (int i = 0; i < part(b).q; ++i) w.d[i] += dsigma_ * w.x[i];
-      back_substitute(w.H, part(b).q, w.d);
-    }
-    tau_ = tau;
+    dsigma_ = relaxed_ ? least_squares_.slack_step(tau) : 0;
+    least_squares_.step(tau, dsigma_, d_.data());
+    least_squares_.multipliers(tau, dsigma_, next_nu_.data());
     for_each(
-        [&](std::size_t b, int r, Side& side, double sign) {
-          const double change = dot(part(b).a + r * part(b).q, work_[b].d, part(b).q);
+        [&](int b, int r, Side& side, double sign) {
+          const double change = dot(part(b).a + r * part(b).q, d(b), part(b).q);
           side.ds = dsigma_ * part(b).scale[r] - sign * change;
           side.dz = (tau * limit_weight_ - side.z * side.ds) / side.s - side.z;
         },
-        [&](std::size_t b, const Tip& tip, Lifted& cone) {
+        [&](int b, const Tip& tip, Lifted& cone) {
           const int dim = tip.cone.dim;
-          tip.cone.lift(work_[b].d + tip.first, cone.ds);
+          tip.cone.lift(d(b) + tip.first, cone.ds);
           cone.ds[0] += dsigma_ * tip.cone_scale;
-          const double twice = 2 * tau * cone_weight_ / lorentz::determinant(cone.s, dim);
+          double residual[4];
           for (int i = 0; i < dim; ++i)
-            cone.dz[i] = (i == 0 ? twice : -twice) * cone.s[i] - cone.z[i] -
-                         dot(cone.P + i * dim, cone.ds, dim);
+            residual[i] = tau * cone.gamma[i] + dot(cone.V + i * dim, cone.ds, dim);
+          for (int i = 0; i < dim; ++i)
+            cone.dz[i] = -dot(cone.V + i * dim, residual, dim) - cone.z[i];
         });
   }
 
@@ -419,11 +345,11 @@ class PrimalDual {
       if (change < 0) limit = std::min(limit, -value / change);
     };
     for_each(
-        [&](std::size_t, int, Side& side, double) {
+        [&](int, int, Side& side, double) {
           bound(side.s, side.ds);
           bound(side.z, side.dz);
         },
-        [&](std::size_t, const Tip& tip, Lifted& cone) {
+        [&](int, const Tip& tip, Lifted& cone) {
           limit = std::min(limit, lorentz::step_limit(cone.s, cone.ds, tip.cone.dim));
           limit = std::min(limit, lorentz::step_limit(cone.z, cone.dz, tip.cone.dim));
         });
@@ -432,19 +358,17 @@ class PrimalDual {
 
   // False when rounding has put a slack or a multiplier on its boundary.
   bool advance(double step) {
-    for (std::size_t b = 0; b < work_.size(); ++b)
-      for (int i = 0; i < part(b).q; ++i) work_[b].c[i] += step * work_[b].d[i];
+    BlockPoint::advance(step);
     sigma_ += step * dsigma_;
-    for (int r = 0; r < blocks_.k(); ++r)
-      nu_[r] += step * (aim_[r] + tau_ * center_[r] + dsigma_ * bend_[r] - nu_[r]);
-    for_each([&](std::size_t, int, Side& side, double) { side.z += step * side.dz; },
-             [&](std::size_t, const Tip& tip, Lifted& cone) {
-               for (int i = 0; i < tip.cone.dim; ++i) cone.z[i] += step * cone.dz[i];
+    for (int r = 0; r < blocks_.k(); ++r) nu_[r] += step * (next_nu_[r] - nu_[r]);
+    for_each([&](int, int, Side& side, double) { side.z += step * side.dz; },
+             [&](int, const Tip& tip, Lifted& cone) {
+               add_scaled(step, cone.dz, tip.cone.dim, cone.z);
              });
     update_slacks();
     bool inside = true;
-    for_each([&](std::size_t, int, Side& side, double) { inside &= side.s > 0 && side.z > 0; },
-             [&](std::size_t, const Tip& tip, Lifted& cone) {
+    for_each([&](int, int, Side& side, double) { inside &= side.s > 0 && side.z > 0; },
+             [&](int, const Tip& tip, Lifted& cone) {
                const int dim = tip.cone.dim;
                inside &= lorentz::inside(cone.s, dim) && lorentz::inside(cone.z, dim);
              });
@@ -454,10 +378,20 @@ class PrimalDual {
   // y·f − z·b: a lower bound on σ once the multipliers are dual feasible.
   double dual_bound() {
     double bound = dot(nu_.data(), blocks_.f(), blocks_.k());
-    for_each([&](std::size_t b, int r, Side& side,
+    for_each([&](int b, int r, Side& side,
                  double sign) { bound -= side.z * (sign > 0 ? part(b).hi[r] : -part(b).lo[r]); },
-             [](std::size_t, const Tip&, Lifted&) {});
+             [](int, const Tip&, Lifted&) {});
     return bound;
+  }
+
+  // Whether the multipliers prove the problem infeasible; if so they become y and z.
+  bool prove(const Problem& problem, std::vector<double>& y, std::vector<double>& z) {
+    get_dual(proof_y_.data(), proof_z_.data());
+    if (!proves_infeasible(blocks_.layout(), problem, proof_y_.data(), proof_z_.data()))
+      return false;
+    y.swap(proof_y_);
+    z.swap(proof_z_);
+    return true;
   }
 
   // The multipliers as a certificate. What still keeps e = Aᵀz − Wᵀy out of a contact's dual cone
@@ -466,39 +400,38 @@ class PrimalDual {
     std::fill(y, y + blocks_.layout().wrench_rows, 0.0);
     for (int r = 0; r < blocks_.k(); ++r) y[blocks_.row(r)] = nu_[r];
     std::fill(z, z + limit_count(blocks_.layout()), 0.0);
-    for_each([&](std::size_t b, int r, Side& side, double sign) { z[limit(b, r, sign)] = side.z; },
-             [](std::size_t, const Tip&, Lifted&) {});
-    for (std::size_t b = 0; b < work_.size(); ++b) {
-      const Work& w = work_[b];  // g and u serve as scratch here
+    for_each([&](int b, int r, Side& side, double sign) { z[limit(b, r, sign)] = side.z; },
+             [](int, const Tip&, Lifted&) {});
+    for (int b = 0; b < count(); ++b) {
       const int q = part(b).q;
-      std::fill(w.u, w.u + q, 0.0);
+      arena_.reset(std::size_t(q) * (q + 2));
+      double *e = arena_.take(q), *missing = arena_.take(q), *H = arena_.take(std::size_t(q) * q);
       bool outside = false;
       for (int i = 0; i < q; ++i) {
-        w.g[i] = -dot(part(b).Wt + i * blocks_.k(), nu_.data(), blocks_.k());
+        e[i] = -dot(part(b).Wt + i * blocks_.k(), nu_.data(), blocks_.k());
         for (int r = 0; r < part(b).rows; ++r)
-          w.g[i] += part(b).a[r * q + i] * (w.hi[r].z - w.lo[r].z);
+          e[i] += part(b).a[r * q + i] * (work_[b].hi[r].z - work_[b].lo[r].z);
       }
       for (const Tip& tip : part(b).tips) {
-        const double margin = tip.cone.dual_margin(w.g + tip.first);
-        const double safe = 1e-12 * std::abs(w.g[tip.first]);
+        const double margin = tip.cone.dual_margin(e + tip.first);
+        const double safe = 1e-12 * std::abs(e[tip.first]);
         if (margin < safe) {
-          w.u[tip.first] = 2 * (safe - margin);
+          missing[tip.first] = 2 * (safe - margin);
           outside = true;
         }
       }
       if (!outside) continue;
-      std::fill(w.H, w.H + q * q, 0.0);
       double size = 0;
       for (int r = 0; r < part(b).rows; ++r) {
-        add_outer(part(b).a + r * q, q, 1, w.H);
+        add_outer(part(b).a + r * q, q, 1, H);
         size += dot(part(b).a + r * q, part(b).a + r * q, q);
       }
-      for (int i = 0; i < q; ++i) w.H[i * (q + 1)] += 1e-13 * size;  // rows may be too few
-      cholesky(w.H, q);
-      forward_substitute(w.H, q, w.u);
-      back_substitute(w.H, q, w.u);
+      for (int i = 0; i < q; ++i) H[i * (q + 1)] += 1e-13 * size;  // rows may be too few
+      cholesky(H, q);
+      forward_substitute(H, q, missing);
+      back_substitute(H, q, missing);
       for (int r = 0; r < part(b).rows; ++r) {
-        const double more = dot(part(b).a + r * q, w.u, q);
+        const double more = dot(part(b).a + r * q, missing, q);
         const double sign = more > 0 ? 1 : -1;
         const bool there = (more > 0 ? part(b).hi[r] : -part(b).lo[r]) < kInfinity;
         if (there) z[limit(b, r, sign)] += std::abs(more);
@@ -506,26 +439,22 @@ class PrimalDual {
     }
   }
 
-  int limit(std::size_t b, int r, double sign) const {
+  int limit(int b, int r, double sign) const {
     const auto [above, below] = blocks_.limit_indices(part(b), r);
     return sign > 0 ? above : below;
   }
 
-  bool balanced() const {
-    return relative_wrench_error(blocks_, [this](std::size_t b) { return work_[b].c; }) < 1e-9;
-  }
-
-  const Blocks& blocks_;
+  LeastSquares& least_squares_;
   std::vector<Work> work_;
   std::vector<Side> sides_;
   std::vector<Lifted> cones_;
-  Arena arena_;
-  Schur schur_;
-  std::vector<double> nu_, aim_, center_, bend_;
+  Arena arena_;  // scratch
+  std::vector<double> nu_, next_nu_, missing_, proof_y_, proof_z_;
+  std::vector<double> best_;  // the balanced point of least violation so far
+  double least_violation_ = kInfinity;
   bool relaxed_ = true;
   double cone_weight_ = 1, limit_weight_ = 1;
-  double sigma_ = 0, dsigma_ = 0, tau_ = 0, degree_ = 0;
-  double sigma_gradient_ = 0, sigma_hessian_ = 0, curvature_ = 0;
+  double sigma_ = 0, dsigma_ = 0, degree_ = 0;
 };
 
 }  // namespace graspforce

@@ -1,0 +1,208 @@
+// The step of a hard problem, without squaring its condition.
+//
+// Near the boundary the Hessian H = Gᵀ G of a block holds the squares of slacks that differ by many
+// orders of magnitude, and Cholesky loses the small ones beside the large. The same step is the
+// solution of a least-squares problem in G itself,
+//
+//     minimise ‖G d + τ γ + δ h‖²  subject to  W d = r,
+//
+// with the scaled gradient γ and, in Phase 1, the column h of the slack σ, whose step is δ.
+// Reflections reduce each block to R (Gᵀ G = Rᵀ R), then the stack of Z = R⁻ᵀ Wᵀ to k rows. In
+// those orthogonal coordinates the minimiser can be read off: the k rows are given by W d = r, and
+// in the others p = R d is −(τ γ + δ h). No term is a difference of larger ones.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "graspforce/blocks.hpp"
+#include "graspforce/linalg.hpp"
+
+namespace graspforce {
+
+class LeastSquares {
+ public:
+  explicit LeastSquares(const Blocks& blocks)
+      : blocks_(blocks),
+        arena_(most_numbers(blocks.layout())),
+        Z_(blocks.layout().components() * (blocks.layout().wrench_rows + 2)),
+        p_(blocks.layout().components()),
+        top_(blocks.layout().wrench_rows),
+        beta_(std::max(blocks.layout().wrench_rows, blocks.layout().components())),
+        row_(beta_.size() + 2) {
+    G_.reserve(blocks.layout().contacts());
+  }
+
+  // Makes the matrices that are kept by block; needed after Blocks::allot. Does not allocate.
+  void allot() {
+    std::size_t total = 0;
+    for (const Part& part : blocks_.parts()) total += numbers(part);
+    arena_.reset(total);
+    G_.clear();
+    m_ = 0;
+    for (const Part& part : blocks_.parts()) {
+      G_.push_back(arena_.take(numbers(part)));
+      m_ += part.q;
+    }
+  }
+
+  // ---- setting up ----------------------------------------------------------------------------
+
+  void clear() {
+    for (std::size_t b = 0; b < G_.size(); ++b)
+      std::fill_n(G_[b], numbers(blocks_.parts()[b]), 0.0);
+    hh_ = gh_ = 0;
+  }
+
+  // Row i of a block, one of rows + q: q entries of G, then that of γ, then that of h.
+  double* row(int b, int i) { return G_[b] + i * width(blocks_.parts()[b]); }
+
+  // A row of zeros in G with these entries in γ and h.
+  void add_row(double gamma, double h) {
+    hh_ += h * h;
+    gh_ += gamma * h;
+  }
+
+  // Factors G as it stands and sets r (k).
+  void factor(const double* r) {
+    int first = 0;
+    for (std::size_t b = 0; b < G_.size(); ++b) {
+      const Part& part = blocks_.parts()[b];
+      const int q = part.q, height = q + part.rows, columns = width(part);
+      reflect(G_[b], height, q, columns, beta_.data(), row_.data());
+      for (int i = q; i < height; ++i) add_row(row(b, i)[q], row(b, i)[q + 1]);
+      for (int i = 0; i < q; ++i) {
+        std::copy_n(part.Wt + i * k(), k(), z(first + i));
+        z(first + i)[k()] = row(b, i)[q];
+        z(first + i)[k() + 1] = row(b, i)[q + 1];
+      }
+      solve_transposed(G_[b], q, columns, z(first), k(), k() + 2);
+      first += q;
+    }
+    reduce_wrench(r);
+  }
+
+  // Sets r for G = 1: the step of least norm.
+  void set_least_norm(const double* r) {
+    hh_ = gh_ = 0;
+    int first = 0;
+    for (const Part& part : blocks_.parts())
+      for (int i = 0; i < part.q; ++i, ++first) {
+        std::copy_n(part.Wt + i * k(), k(), z(first));
+        z(first)[k()] = z(first)[k() + 1] = 0;
+      }
+    reduce_wrench(r);
+  }
+
+  // ---- solving -------------------------------------------------------------------------------
+
+  // δ that minimises δ + ½‖G d + τ γ + δ h‖² together with d.
+  double slack_step(double tau) const {
+    double slope = 1 + tau * gh_, curvature = hh_;
+    for (int r = 0; r < k(); ++r) {
+      const double h = z(r)[k() + 1];
+      slope += h * (top_[r] + tau * z(r)[k()]);
+      curvature += h * h;
+    }
+    return -slope / curvature;
+  }
+
+  // ‖R d‖ for δ = 0: the Newton decrement.
+  double length(double tau) const {
+    double squared = 0;
+    for (int r = 0; r < k(); ++r) squared += top_[r] * top_[r];
+    for (int i = k(); i < m_; ++i) squared += tau * tau * z(i)[k()] * z(i)[k()];
+    return std::sqrt(squared);
+  }
+
+  // The multipliers ν (k) of W d = r for this τ and δ.
+  void multipliers(double tau, double delta, double* nu) const {
+    for (int r = 0; r < k(); ++r) nu[r] = top_[r] + tau * z(r)[k()] + delta * z(r)[k() + 1];
+    solve_upper(Z_.data(), k(), k() + 2, nu);
+  }
+
+  // The step d, block after block.
+  void step(double tau, double delta, double* d) {
+    step_in_R(tau, delta);
+    leave_R(d);
+  }
+  // The same for G = 1.
+  void least_norm_step(double* d) {
+    step_in_R(0, 0);
+    std::copy_n(p_.begin(), m_, d);
+  }
+
+  // Norm of what a gradient g (block after block) has in the directions with W d = 0, by the
+  // factors at hand, and the multipliers ν that fit it best.
+  double project(const double* g, double* nu) {
+    std::copy_n(g, m_, p_.begin());
+    int first = 0;
+    for (std::size_t b = 0; b < G_.size(); ++b) {
+      const Part& part = blocks_.parts()[b];
+      solve_transposed(G_[b], part.q, width(part), p_.data() + first);
+      first += part.q;
+    }
+    for (int j = 0; j < k(); ++j) mirror(j);
+    std::copy_n(p_.begin(), k(), nu);
+    solve_upper(Z_.data(), k(), k() + 2, nu);
+    double squared = 0;
+    for (int i = k(); i < m_; ++i) squared += p_[i] * p_[i];
+    return std::sqrt(squared);
+  }
+
+ private:
+  static std::size_t most_numbers(const Layout& layout) {
+    const std::size_t m = layout.components(), rows = layout.joints + layout.inequalities;
+    return (rows + layout.contacts() + m) * (largest_block(layout) + 2);
+  }
+  static int width(const Part& part) { return part.q + 2; }
+  static std::size_t numbers(const Part& part) {
+    return std::size_t(part.rows + part.q) * width(part);
+  }
+
+  int k() const { return blocks_.k(); }
+  double* z(int i) { return Z_.data() + i * (k() + 2); }
+  const double* z(int i) const { return Z_.data() + i * (k() + 2); }
+
+  void reduce_wrench(const double* r) {
+    reflect(Z_.data(), m_, k(), k() + 2, beta_.data(), row_.data());
+    std::copy_n(r, k(), top_.begin());
+    solve_transposed(Z_.data(), k(), k() + 2, top_.data());
+  }
+
+  // p ← R d.
+  void step_in_R(double tau, double delta) {
+    std::copy_n(top_.begin(), k(), p_.begin());
+    for (int i = k(); i < m_; ++i) p_[i] = -(tau * z(i)[k()] + delta * z(i)[k() + 1]);
+    for (int j = k() - 1; j >= 0; --j) mirror(j);
+  }
+
+  // Reflection j of the stack, applied to p.
+  void mirror(int j) {
+    double along = p_[j];
+    for (int i = j + 1; i < m_; ++i) along += z(i)[j] * p_[i];
+    along *= beta_[j];
+    p_[j] -= along;
+    for (int i = j + 1; i < m_; ++i) p_[i] -= along * z(i)[j];
+  }
+
+  void leave_R(double* d) {
+    std::copy_n(p_.begin(), m_, d);
+    for (std::size_t b = 0; b < G_.size(); ++b) {
+      const Part& part = blocks_.parts()[b];
+      solve_upper(G_[b], part.q, width(part), d);
+      d += part.q;
+    }
+  }
+
+  const Blocks& blocks_;
+  Arena arena_;
+  std::vector<double*> G_;  // (rows + q) × (q + 2) a block; once factored its upper triangle is R
+  std::vector<double> Z_;   // m × (k + 2): Wᵀ, γ, h in R's coordinates, then reduced
+  std::vector<double> p_, top_, beta_, row_;
+  int m_ = 0;               // components of all blocks
+  double hh_ = 0, gh_ = 0;  // h·h and γ·h in the rows that no step reaches
+};
+
+}  // namespace graspforce
