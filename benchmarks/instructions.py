@@ -69,7 +69,7 @@ def _native(problems: list, cold: bool) -> Callable[[int], object]:
     """Whole rounds of the stream, whose first one does not count in the difference."""
     stream, module = np.stack([problem.packed for problem in problems]), _engine.module
     return lambda count: module.time_ticks(
-        *problems[0].layout, stream, count // len(problems), 1e-9, 100, cold
+        problems[0].layout, stream, count // len(problems), 1e-9, 100, cold
     )
 
 

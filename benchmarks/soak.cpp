@@ -66,7 +66,7 @@ class Stream {
     tally.longest = std::max(tally.longest, long(servo_.result().newton_steps));
     const char* fault =
         Judge(grasp_.layout, servo_.packed()).find_fault(servo_.engine(), servo_.result());
-    if (fault == nullptr && servo_.refusal() != nullptr) fault = "good numbers, refused";
+    if (fault == nullptr && servo_.refusal()) fault = "good numbers, refused";
     if (fault != nullptr) {
       ++tally.faults;
       std::printf("tick %ld: %s\n", tally.ticks, fault);
@@ -130,7 +130,7 @@ class Stream {
     const Status status = servo_.tick();
     tally.allocations += allocations - before;
     ++tally.refused;
-    if (status != Status::InvalidNumbers || servo_.refusal() == nullptr ||
+    if (status != Status::InvalidNumbers || !servo_.refusal() ||
         !std::equal(last_.begin(), last_.end(), servo_.c().begin())) {
       ++tally.faults;
       std::printf("tick %ld: a refusal that leaves a trace\n", tally.ticks);

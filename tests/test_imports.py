@@ -10,10 +10,10 @@ import graspforce
 PACKAGE = Path(graspforce.__file__).parent
 
 
-def test_only_the_engine_imports_the_compiled_core():
+def test_one_module_imports_the_compiled_core():
     importing = re.compile(r"^\s*(from\s+\S*\s+)?import\s+.*\b_core\b|graspforce\._core", re.M)
     files = {file.name for file in PACKAGE.rglob("*.py") if importing.search(file.read_text())}
-    assert files == {"_engine.py"}
+    assert files == {"_native.py"}
 
 
 def test_importing_graspforce_imports_numpy_and_nothing_heavy():

@@ -12,7 +12,7 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
   using graspforce::NumpyVector;
   using graspforce::Outcome;
   using graspforce::proof;
-  using graspforce::Servo;
+  using Servo = graspforce::PythonServo;
   module.doc() = "The compiled core of graspforce; see graspforce._engine.";
 
   module.def("instruction_sets", &graspforce::instruction_sets,
@@ -22,8 +22,19 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
              "start"_a.none(), "tol"_a, "max_steps"_a, "budget_us"_a,
              "Solves a ForceProblem; what comes back is a `solution`.");
 
-  module.def("time_ticks", &graspforce::time_ticks, "wrench_rows"_a, "dims"_a, "joints"_a,
-             "inequalities"_a, "ceilings"_a, "floors"_a, "packed"_a, "rounds"_a, "tol"_a,
+  module.def(
+      "find_flaw",
+      [](nb::handle layout, nb::handle packed) -> nb::object {
+        const graspforce::Layout shape = graspforce::make_layout(layout);
+        const graspforce::Flaw flaw = graspforce::find_flaw(
+            shape, graspforce::doubles(packed, graspforce::packed_size(shape)));
+        return flaw ? graspforce::describe(flaw) : nb::none();
+      },
+      "layout"_a, "packed"_a,
+      "The first of a problem's numbers that is not finite or out of its range: the field, the "
+      "indices of the entry, what came, what was expected; or None.");
+
+  module.def("time_ticks", &graspforce::time_ticks, "layout"_a, "packed"_a, "rounds"_a, "tol"_a,
              "max_steps"_a, "cold"_a,
              "Times of warm ticks, or of cold solves, without Python in between [ns].");
 
@@ -39,27 +50,26 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("y", proof(&Outcome::y, &Outcome::k))
       .def_prop_ro("z", proof(&Outcome::z, &Outcome::limits))
       .def_prop_ro("packed", [](nb::handle_t<Outcome> self) -> std::optional<NumpyVector> {
-        const graspforce::Numbers& numbers = nb::cast<const Outcome&>(self).problem;
+        const graspforce::Snapshot& numbers = nb::cast<const Outcome&>(self).problem;
         if (numbers == nullptr) return std::nullopt;
         return graspforce::view(self, numbers->data(), numbers->size());
       });
 
   using Writable = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
   nb::class_<Servo>(module, "Servo", nb::type_slots(graspforce::servo_slots))
-      .def(nb::init<int, std::vector<int>, int, int, bool, bool, graspforce::Vector, double, int,
-                    double, std::vector<nb::object>, nb::object, nb::object, nb::object>(),
-           "wrench_rows"_a, "dims"_a, "joints"_a, "inequalities"_a, "ceilings"_a, "floors"_a,
-           "packed"_a, "tol"_a, "max_steps"_a, "budget_us"_a, "statuses"_a, "refuse"_a,
-           "solution"_a, "shape"_a)
+      .def(nb::init<nb::object, graspforce::Vector, double, int, double, std::vector<nb::object>,
+                    nb::object, nb::object>(),
+           "layout"_a, "packed"_a, "tol"_a, "max_steps"_a, "budget_us"_a, "statuses"_a, "refuse"_a,
+           "solution"_a)
       .def("tick", &Servo::tick)
       .def("step_problem", &Servo::step_problem, "packed"_a)
       .def("last", &Servo::last)
       .def("reset", &Servo::reset)
-      .def_prop_ro("packed", &Servo::packed)
+      .def_prop_ro("packed", &Servo::numbers_of_last_tick)
       .def_prop_ro("numbers",
                    [](nb::handle_t<Servo> self) {
-                     std::vector<double>& numbers = nb::cast<Servo&>(self).numbers();
-                     return Writable(numbers.data(), {numbers.size()}, self);
+                     Servo& servo = nb::cast<Servo&>(self);
+                     return Writable(servo.packed(), {servo.packed_size()}, self);
                    })
       .def_prop_ro("c",
                    [](nb::handle_t<Servo> self) {

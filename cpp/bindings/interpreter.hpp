@@ -4,9 +4,12 @@
 #define NPY_NO_DEPRECATED_API NPY_2_0_API_VERSION
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 #include <numpy/arrayobject.h>
 
 #include <optional>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -19,8 +22,10 @@ namespace graspforce {
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using NumpyVector = nb::ndarray<nb::numpy, const double, nb::ndim<1>>;
 
-inline Layout make_layout(int wrench_rows, const std::vector<int>& dims, int joints,
-                          int inequalities, bool ceilings, bool floors) {
+// The layout that a graspforce.problem.Layout, a tuple, describes.
+inline Layout make_layout(nb::handle tuple) {
+  const auto [wrench_rows, dims, joints, inequalities, ceilings, floors] =
+      nb::cast<std::tuple<int, std::vector<int>, int, int, bool, bool>>(tuple);
   Layout layout;
   layout.wrench_rows = wrench_rows;
   for (int dim : dims) layout.models.push_back(static_cast<Model>(dim));

@@ -5,13 +5,10 @@
 #include <memory>
 #include <optional>
 
-#include "graspforce/engine.hpp"
+#include "graspforce/servo.hpp"
 #include "interpreter.hpp"
 
 namespace graspforce {
-
-// A problem's numbers, which a Servo and the outcomes of its ticks share.
-using Numbers = std::shared_ptr<std::vector<double>>;
 
 // The numbers of one solve, copied out of the engine: forces, multipliers, certificate; and for a
 // tick those of its problem.
@@ -19,9 +16,9 @@ struct Outcome {
   Result result;
   std::size_t m, k, limits;
   std::unique_ptr<double[]> data;
-  Numbers problem;
+  Snapshot problem;
 
-  Outcome(const Engine& engine, const Result& r, Numbers numbers)
+  Outcome(const Engine& engine, const Result& r, Snapshot numbers)
       : result(r),
         m(engine.layout().components()),
         k(engine.layout().wrench_rows),

@@ -1,12 +1,8 @@
 // The native half of graspforce.solve.
 #pragma once
 
-#include <nanobind/stl/tuple.h>
-#include <nanobind/stl/vector.h>
-
 #include <algorithm>
 #include <memory>
-#include <tuple>
 #include <vector>
 
 #include "outcome.hpp"
@@ -14,7 +10,7 @@
 namespace graspforce {
 
 // The engines that a thread keeps for its cold solves, the last used first: set-up allocates.
-class KeptEngines {
+class EngineCache {
  public:
   // `layout` is a graspforce.problem.Layout.
   Engine& find(nb::handle layout) {
@@ -22,10 +18,7 @@ class KeptEngines {
                               [&](auto& engine) { return describes(layout, engine->layout()); });
     if (found == engines_.end()) {
       if (engines_.size() == kMost) engines_.pop_back();
-      const auto [wrench_rows, dims, joints, inequalities, ceilings, floors] =
-          nb::cast<std::tuple<int, std::vector<int>, int, int, bool, bool>>(layout);
-      engines_.push_back(std::make_unique<Engine>(
-          make_layout(wrench_rows, dims, joints, inequalities, ceilings, floors)));
+      engines_.push_back(std::make_unique<Engine>(make_layout(layout)));
       found = engines_.end() - 1;
     }
     std::rotate(engines_.begin(), found, found + 1);
@@ -58,7 +51,7 @@ class KeptEngines {
 inline nb::object solve(nb::handle solution, nb::handle problem, nb::handle layout,
                         nb::handle packed, nb::handle start, double tol, int max_steps,
                         double budget_us) {
-  thread_local KeptEngines engines;
+  thread_local EngineCache engines;
   Engine& engine = engines.find(layout);
   const double* numbers = doubles(packed, packed_size(engine.layout()));
   const double* forces = start.is_none() ? nullptr : doubles(start, engine.layout().components());

@@ -1,8 +1,6 @@
 // Times of the core alone, for benchmarks.
 #pragma once
 
-#include <nanobind/stl/vector.h>
-
 #include <algorithm>
 #include <chrono>
 #include <utility>
@@ -17,14 +15,13 @@ namespace graspforce {
 // the first round warms up and is left out), or with `cold` of every solve of it, as a C++
 // controller would see it [ns]. The clock's own time is taken off.
 using Stream = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-inline nb::object time_ticks(int wrench_rows, const std::vector<int>& dims, int joints,
-                             int inequalities, bool ceilings, bool floors, Stream packed,
-                             int rounds, double tol, int max_steps, bool cold) {
+inline nb::object time_ticks(nb::handle layout, Stream packed, int rounds, double tol,
+                             int max_steps, bool cold) {
   using Clock = std::chrono::steady_clock;
   const auto nanoseconds = [](Clock::duration time) {
     return std::chrono::duration<double, std::nano>(time).count();
   };
-  Engine engine(make_layout(wrench_rows, dims, joints, inequalities, ceilings, floors));
+  Engine engine(make_layout(layout));
   if (packed.shape(1) != packed_size(engine.layout())) throw nb::value_error("packed: wrong size");
   std::vector<double> empty(1001), times;
   times.reserve(packed.shape(0) * std::size_t(rounds));

@@ -127,7 +127,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t cou
     if (choices.below(8) == 0) servo.reset();
     std::copy(servo.c().begin(), servo.c().end(), forces.begin());
     const Status status = servo.tick();
-    if (servo.refusal() != nullptr) {
+    if (servo.refusal()) {
       if (status != Status::InvalidNumbers ||
           !std::equal(forces.begin(), forces.end(), servo.c().begin()))
         complain("a refusal that leaves a trace", servo.result(), servo);

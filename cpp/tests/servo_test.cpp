@@ -46,7 +46,7 @@ static void a_tick_holds_the_cube() {
   grip(servo);
   for (int i = 0; i < 4; ++i) servo.J(3 * i, 0) = 0.1;  // one joint feels every normal force
   servo.tau_lo[0] = -10, servo.tau_hi[0] = 10, servo.tau_bias[0] = 0.25;
-  EXPECT(servo.tick() == Status::Solved && servo.refusal() == nullptr);
+  EXPECT(servo.tick() == Status::Solved && !servo.refusal());
   const Margins margins = servo.margins();
   EXPECT(margins.inside() && margins.friction > 0.1 && margins.wrench_error < 1e-12);
   double normals = 0, largest = 0;
@@ -73,12 +73,12 @@ static void refused_numbers_leave_no_trace() {
     EXPECT(servo.tick() == Status::Solved && clean.tick() == Status::Solved);
     const double good = each.number;
     each.number = each.bad;
-    EXPECT(servo.tick() == Status::InvalidNumbers && servo.refusal() != nullptr);
+    EXPECT(servo.tick() == Status::InvalidNumbers && servo.refusal());
     for (int i = 0; i < 12; ++i) EXPECT(servo.c()[i] == clean.c()[i]);
     each.number = good;
     servo.f[1] += 0.1, clean.f[1] += 0.1;
     EXPECT(servo.tick() == Status::Solved && clean.tick() == Status::Solved);
-    EXPECT(servo.refusal() == nullptr);
+    EXPECT(!servo.refusal());
     EXPECT(servo.result().newton_steps == clean.result().newton_steps);
     for (int i = 0; i < 12; ++i) EXPECT(servo.c()[i] == clean.c()[i]);
   }
@@ -88,7 +88,7 @@ static void refused_numbers_leave_no_trace() {
 static void nothing_at_all_is_refused() {
   Servo servo(four_fingers(3));
   for (double* x = servo.packed(); x < servo.packed() + servo.packed_size(); ++x) *x = 0;
-  EXPECT(servo.tick() == Status::InvalidNumbers && servo.refusal() != nullptr);
+  EXPECT(servo.tick() == Status::InvalidNumbers && servo.refusal());
 }
 
 static void before_the_first_tick_nothing_is_inside() {

@@ -17,13 +17,17 @@ static void send_torque(int, double) {}  // a real hand's driver
 
 int main(int count, char** arguments) {
   std::ifstream task(count == 2 ? arguments[1] : "task.txt");
-  Servo servo(read_layout(task));   // all memory is made here
-  while (read_tick(task, servo)) {  // here a real hand's sensors and planner are asked
+  Servo servo(read_layout(task));  // all memory is made here
+  // Here a real hand's sensors and planner are asked.
+  while (read_tick(task, servo.layout(), servo)) {
     const Status status = servo.tick();
     // Without a verdict in time the forces may still hold the grasp; forces that slip do not.
     const bool late = status == Status::MaxSteps || status == Status::Stalled;
     if (status != Status::Solved && !(late && servo.margins().inside())) {
-      std::fprintf(stderr, "%s %s\n", to_string(status), servo.refusal() ? servo.refusal() : "");
+      std::fprintf(stderr, "%s\n", to_string(status));
+      if (const Flaw& flaw = servo.refusal(); flaw)
+        std::fprintf(stderr, "%s[%d]: got %g, expected %s\n", flaw.field, flaw.row, flaw.got,
+                     flaw.expected);
       return 1;
     }
     for (int joint = 0; joint < servo.layout().joints; ++joint)

@@ -21,29 +21,22 @@ inline graspforce::Layout read_layout(std::istream& file) {
   return layout;
 }
 
-inline graspforce::Span<double> field(graspforce::ProblemData& data, const std::string& name) {
-  if (name == "W") return data.W.entries();
-  if (name == "f") return data.f;
-  if (name == "J") return data.J.entries();
-  if (name == "tau_lo") return data.tau_lo;
-  if (name == "tau_hi") return data.tau_hi;
-  if (name == "tau_bias") return data.tau_bias;
-  if (name == "c_max") return data.c_max;
-  if (name == "c_min") return data.c_min;
-  if (name == "engagement") return data.engagement;
-  if (name == "A") return data.A.entries();
-  if (name == "b") return data.b;
-  if (name == "mu") return data.mu;
-  if (name == "gamma") return data.gamma;
-  if (name == "alpha") return {&data.alpha, 1};
-  throw std::runtime_error("task: no field " + name);
+inline graspforce::Span<double> field(const graspforce::Layout& layout,
+                                      graspforce::ProblemData& data, const std::string& name) {
+  graspforce::Span<double> found;
+  graspforce::each_field(layout, [&](const graspforce::Field& field) {
+    if (name == field.name) found = {data.packed() + field.offset, int(field.size())};
+  });
+  if (found.data() == nullptr) throw std::runtime_error("task: no field " + name);
+  return found;
 }
 
 // Takes the fields of the next tick; false when there is none.
-inline bool read_tick(std::istream& file, graspforce::ProblemData& data) {
+inline bool read_tick(std::istream& file, const graspforce::Layout& layout,
+                      graspforce::ProblemData& data) {
   std::string name;
   while (file >> name && name != "tick") {
-    for (double& number : field(data, name)) file >> number;
+    for (double& number : field(layout, data, name)) file >> number;
     if (!file) throw std::runtime_error("task: numbers missing from " + name);
   }
   return bool(file);

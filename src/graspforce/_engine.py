@@ -1,50 +1,22 @@
-"""The one place that imports the compiled core, and the choice between it and the reference."""
+"""The choice between the compiled core and the NumPy reference, behind one interface."""
 
 from __future__ import annotations
 
-import functools
-import importlib
 import math
-import os
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar, cast
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from graspforce import _core, reference
+from graspforce import reference
 from graspforce._arrays import Array
-from graspforce.errors import InvalidInputError
+from graspforce._native import module, modules, refuse
 from graspforce.outcome import Outcome, Start, Status
 from graspforce.problem import ForceProblem, Layout
 from graspforce.settings import Settings
 
-# The same core stands in further modules, built for wider and for more registers.
-_sets = ("baseline", *_core.instruction_sets())
-modules: tuple[str, ...] = (
-    "graspforce._core",
-    *(f"graspforce._core_{name}" for name in _sets[1:]),
-)
-"""Every compiled core that this processor runs, the best last."""
-
-
-def _choose_core() -> str:
-    """Return the module of the best core, or of the one that GRASPFORCE_CORE names.
-
-    Raises:
-        InvalidInputError: GRASPFORCE_CORE names no core, or one that this processor cannot run.
-    """
-    wanted = os.environ.get("GRASPFORCE_CORE") or _sets[-1]
-    if wanted not in _sets:
-        raise InvalidInputError(
-            f"GRASPFORCE_CORE (environment variable): got {wanted!r}, expected one of the cores "
-            f"that this processor runs: {', '.join(_sets)}"
-        )
-    return modules[_sets.index(wanted)]
-
-
-module: Any = importlib.import_module(_choose_core())
-NativeServo: type[_core.Servo] = module.Servo
+NativeServo: Any = module.Servo
 _native_solve: Callable[..., Any] = module.solve
 
 _T = TypeVar("_T")
@@ -57,23 +29,13 @@ class ServoBackend(Protocol):
         """Solve from ``numbers`` as they stand."""
         ...
 
-    def step(
-        self,
-        f: object,
-        W: object,
-        J: object,
-        tau_lo: object,
-        tau_hi: object,
-        tau_bias: object,
-        c_max: object,
-        c_min: object,
-        engagement: object,
-        A: object,
-        b: object,
-        alpha: object,
-    ) -> Any:
-        """Solve with changed fields, for a Solution; None, and nothing changed, to check them."""
-        ...  # fmt: skip
+    def step(self, *fields: object) -> Any:
+        """Solve with changed fields, None for the others, in the order of the flat buffer.
+
+        Returns:
+            A Solution; None, and nothing changed, where the arrays need a closer look.
+        """
+        ...
 
     def step_problem(self, packed: Array) -> Outcome:
         """Solve a validated problem, whose numbers become ``numbers``."""
@@ -108,15 +70,6 @@ class ServoBackend(Protocol):
         ...
 
 
-def refuse(layout: Layout, packed: Array) -> None:
-    """Raise the error of the constructor of ForceProblem for numbers that it would refuse.
-
-    Raises:
-        InvalidInputError: one of the numbers is not finite or out of its range.
-    """
-    ForceProblem.from_packed(layout, packed).replace()
-
-
 class ReferenceServo:
     """The paper's servo loop on the NumPy reference."""
 
@@ -131,7 +84,9 @@ class ReferenceServo:
         self._last: Outcome | None = None
 
     def tick(self) -> Status:
-        refuse(self._layout, np.array(self.numbers))
+        flaw = module.find_flaw(self._layout, self.numbers)
+        if flaw is not None:
+            refuse(flaw)
         return Status(self.step_problem(self.numbers).status)
 
     def step(self, *_fields: object, **_names: object) -> None:
@@ -180,17 +135,9 @@ def make_servo(problem: ForceProblem, settings: Settings, solution: type) -> Ser
     """Return the servo of the backend that the settings name; ``solution`` is what steps return."""
     if settings.backend == "reference":
         return ReferenceServo(problem, settings)
-    layout = problem.layout
-    servo = NativeServo(
-        *layout,
-        problem.packed,
-        *_limits(settings),
-        list(Status),
-        functools.partial(refuse, layout),
-        solution,
-        layout,
+    return NativeServo(
+        problem.layout, problem.packed, *_limits(settings), list(Status), refuse, solution
     )
-    return cast(ServoBackend, servo)  # its stub knows neither Status nor step
 
 
 def _limits(settings: Settings) -> tuple[float, int, float]:

@@ -90,7 +90,7 @@ class Servo:
             # The native backend takes plain float64 arrays of the right shape and valid numbers
             # at once, and leaves everything else, unchanged, to the checks below.
             solution = self._step(
-                f, W, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, A, b, alpha
+                W, f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, A, b, None, None, alpha
             )
             if solution is not None:
                 return solution

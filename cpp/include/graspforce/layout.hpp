@@ -7,6 +7,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "graspforce/fields.hpp"
+
 namespace graspforce {
 
 // A contact model's value is its number of force components.
@@ -47,14 +49,6 @@ struct Layout {
   }
 };
 
-// What may have changed since a problem's numbers were last loaded; f always counts as changed.
-enum Changed : unsigned {
-  kChangedMap = 1,       // W
-  kChangedJacobian = 2,  // J
-  kChangedRest = 4,      // anything else
-  kChangedAll = 7,
-};
-
 // Rows of ForceProblem.linear_limits() before any are left out: torques above and below, ceilings,
 // floors, inequalities.
 inline int limit_count(const Layout& layout) {
@@ -68,52 +62,42 @@ inline std::size_t largest_block(const Layout& layout) {
   return layout.joints + layout.inequalities > 0 ? layout.components() : 4;
 }
 
-// Where the fields start in the buffer; W is the first. `size` is the whole, in doubles.
-struct Offsets {
-  std::size_t f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, A, b, mu, gamma, alpha,
-      size;
+// Where the fields start in the buffer, in doubles, and how large the whole is.
+struct Offsets : Fields<std::size_t> {
+  std::size_t size = 0;
 
-  explicit Offsets(const Layout& layout) {
-    const std::size_t k = layout.wrench_rows, n = layout.contacts(), m = layout.components();
-    const std::size_t joints = layout.joints, rows = layout.inequalities;
-    f = k * m;
-    J = f + k;
-    tau_lo = J + m * joints;
-    tau_hi = tau_lo + joints;
-    tau_bias = tau_hi + joints;
-    c_max = tau_bias + joints;
-    c_min = c_max + (layout.ceilings ? n : 0);
-    engagement = c_min + (layout.floors ? n : 0);
-    A = engagement + n;
-    b = A + rows * m;
-    mu = b + rows;
-    gamma = mu + n;
-    alpha = gamma + n;
-    size = alpha + 1;
+  explicit Offsets(const Layout& l) {
+#define GRASPFORCE_PLACE(name, type, rows, columns, ...) \
+  name = size;                                           \
+  size += std::size_t(rows) * std::size_t(columns);
+    GRASPFORCE_FIELDS(GRASPFORCE_PLACE)
+#undef GRASPFORCE_PLACE
   }
 };
 
-// Read access to a packed problem: pointers to its fields, row-major.
-struct Problem {
-  const double *W, *f, *J, *tau_lo, *tau_hi, *tau_bias, *c_max, *c_min, *engagement, *A, *b, *mu,
-      *gamma, *alpha;
+// Calls visit(field) for every field of a layout, in the order of the buffer.
+template <class Visit>
+void each_field(const Layout& l, Visit visit) {
+  std::size_t offset = 0;
+#define GRASPFORCE_VISIT(name, type, rows, columns, initial, range, ...)                          \
+  {                                                                                               \
+    const Field field{                                                                            \
+        #name, axes(static_cast<type*>(nullptr)), int(rows), int(columns), Range::range, offset}; \
+    visit(field);                                                                                 \
+    offset += field.size();                                                                       \
+  }
+  GRASPFORCE_FIELDS(GRASPFORCE_VISIT)
+#undef GRASPFORCE_VISIT
+}
 
+// Read access to a packed problem: pointers to its fields, row-major.
+struct Problem : Fields<const double*> {
   Problem(const Layout& layout, const double* packed) : Problem(Offsets(layout), packed) {}
-  Problem(const Offsets& at, const double* packed)
-      : W(packed),
-        f(packed + at.f),
-        J(packed + at.J),
-        tau_lo(packed + at.tau_lo),
-        tau_hi(packed + at.tau_hi),
-        tau_bias(packed + at.tau_bias),
-        c_max(packed + at.c_max),
-        c_min(packed + at.c_min),
-        engagement(packed + at.engagement),
-        A(packed + at.A),
-        b(packed + at.b),
-        mu(packed + at.mu),
-        gamma(packed + at.gamma),
-        alpha(packed + at.alpha) {}
+  Problem(const Offsets& at, const double* packed) {
+#define GRASPFORCE_POINT(name, ...) name = packed + at.name;
+    GRASPFORCE_FIELDS(GRASPFORCE_POINT)
+#undef GRASPFORCE_POINT
+  }
 
   bool in_grasp(int contact) const { return engagement[contact] > kRemovalThreshold; }
 };

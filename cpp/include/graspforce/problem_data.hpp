@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "graspforce/layout.hpp"
-#include "graspforce/span.hpp"
 
 namespace graspforce {
 
@@ -17,16 +16,9 @@ class ProblemData {
   std::vector<double> numbers_;
 
  public:
-  Matrix W;                               // k × m
-  Span<double> f;                         // k
-  Matrix J;                               // m × joints
-  Span<double> tau_lo, tau_hi, tau_bias;  // joints
-  Span<double> c_max, c_min;              // contacts
-  Span<double> engagement;                // contacts
-  Matrix A;                               // inequalities × m
-  Span<double> b;                         // inequalities
-  Span<double> mu, gamma;                 // contacts
-  double& alpha;
+#define GRASPFORCE_VIEW(name, type, ...) type name;
+  GRASPFORCE_FIELDS(GRASPFORCE_VIEW)
+#undef GRASPFORCE_VIEW
 
   explicit ProblemData(const Layout& layout) : ProblemData(layout, Offsets(layout)) {}
   ProblemData(const ProblemData&) = delete;
@@ -42,27 +34,24 @@ class ProblemData {
   std::size_t packed_size() const { return numbers_.size(); }
 
  private:
-  ProblemData(const Layout& layout, const Offsets& at)
-      : numbers_(at.size, 0.0),
-        W(packed(), layout.wrench_rows, layout.components()),
-        f(packed() + at.f, layout.wrench_rows),
-        J(packed() + at.J, layout.components(), layout.joints),
-        tau_lo(packed() + at.tau_lo, layout.joints),
-        tau_hi(packed() + at.tau_hi, layout.joints),
-        tau_bias(packed() + at.tau_bias, layout.joints),
-        c_max(packed() + at.c_max, layout.ceilings ? layout.contacts() : 0),
-        c_min(packed() + at.c_min, layout.floors ? layout.contacts() : 0),
-        engagement(packed() + at.engagement, layout.contacts()),
-        A(packed() + at.A, layout.inequalities, layout.components()),
-        b(packed() + at.b, layout.inequalities),
-        mu(packed() + at.mu, layout.contacts()),
-        gamma(packed() + at.gamma, layout.contacts()),
-        alpha(packed()[at.alpha]) {
-    std::fill(engagement.begin(), engagement.end(), 1.0);
-    std::fill(mu.begin(), mu.end(), 1.0);
-    std::fill(gamma.begin(), gamma.end(), 1.0);
-    alpha = 5;
+  ProblemData(const Layout& l, const Offsets& at)
+      : numbers_(at.size)
+#define GRASPFORCE_VIEW(name, type, rows, columns, ...) \
+  , name(view(packed() + at.name, rows, columns, static_cast<type*>(nullptr)))
+            GRASPFORCE_FIELDS(GRASPFORCE_VIEW)
+#undef GRASPFORCE_VIEW
+  {
+#define GRASPFORCE_FILL(name, type, rows, columns, initial, ...) \
+  std::fill_n(packed() + at.name, std::size_t(rows) * std::size_t(columns), initial);
+    GRASPFORCE_FIELDS(GRASPFORCE_FILL)
+#undef GRASPFORCE_FILL
   }
+
+  static Matrix view(double* first, int rows, int columns, Matrix*) {
+    return {first, rows, columns};
+  }
+  static Span<double> view(double* first, int rows, int, Span<double>*) { return {first, rows}; }
+  static Scalar view(double* first, int, int, Scalar*) { return Scalar(first); }
 };
 
 }  // namespace graspforce

@@ -5,6 +5,8 @@
 // time reads the steady clock.) Servos share nothing: use one a thread.
 #pragma once
 
+#include <algorithm>
+#include <memory>
 #include <vector>
 
 #include "graspforce/engine.hpp"
@@ -13,6 +15,9 @@
 #include "graspforce/validity.hpp"
 
 namespace graspforce {
+
+// The numbers of one tick's problem, packed; whoever keeps them keeps them unchanged.
+using Snapshot = std::shared_ptr<const std::vector<double>>;
 
 class Servo : public ProblemData {
  public:
@@ -25,24 +30,16 @@ class Servo : public ProblemData {
         settings(limits),
         engine_(layout),
         at_(layout),
-        now_(at_.size),
-        next_(at_.size) {}
+        now_(std::make_shared<std::vector<double>>(at_.size)),
+        next_(std::make_shared<std::vector<double>>(at_.size)) {}
 
   using ProblemData::operator=;  // all fields at once
 
   // Solves from the fields as they stand. Numbers that do not make a problem are refused with
   // InvalidNumbers and a refusal(): nothing but that changes, and c() stays that of the last tick.
   Status tick() {
-    const bool finite = copy_finite(packed(), next_.data(), at_.size);
-    const unsigned changed =
-        ticked_ ? find_changes(at_, now_.data(), next_.data()) : unsigned(kChangedAll);
-    refusal_ = !finite                  ? "a number that is not finite"
-               : changed & kChangedRest ? find_flaw(layout(), Problem(at_, next_.data()))
-                                        : nullptr;
-    if (refusal_ != nullptr) return Status::InvalidNumbers;
-    now_.swap(next_);
-    ticked_ = true;
-    return engine_.tick(now_.data(), settings, changed).status;
+    stage();
+    return refuses() ? Status::InvalidNumbers : solve_staged().status;
   }
 
   // Forgets the past optima: the next tick starts cold.
@@ -59,12 +56,17 @@ class Servo : public ProblemData {
   // was not refused.
   const Result& result() const { return engine_.result(); }
 
-  // Why the last tick was refused; null when it was not.
-  const char* refusal() const { return refusal_; }
+  // Why the last tick was refused: the field, its entry, what came and what was expected. False as
+  // a condition when it was not.
+  const Flaw& refusal() const { return refusal_; }
+
+  // The problem of the last tick that was not refused. While it is kept, a later tick makes itself
+  // new memory; this is the one thing that lets a tick allocate.
+  Snapshot snapshot() const { return now_; }
 
   // The torque that a joint's motor has to give: J.T c + tau_bias [N·m].
   double torque(int joint) const {
-    const Problem p(at_, now_.data());
+    const Problem p(at_, now_->data());
     double tau = p.tau_bias[joint];
     for (int i = 0; i < layout().components(); ++i)
       tau += p.J[i * layout().joints + joint] * engine_.forces()[i];
@@ -74,18 +76,50 @@ class Servo : public ProblemData {
   // None at all before the first tick.
   Margins margins() const {
     if (!ticked_) return {0, 0, 0, 0};
-    return find_margins(layout(), Problem(at_, now_.data()), engine_.forces());
+    return find_margins(layout(), Problem(at_, now_->data()), engine_.forces());
   }
 
   // For the certificate of an infeasible tick.
   const Engine& engine() const { return engine_; }
+  bool ticked() const { return ticked_; }
+  const Offsets& offsets() const { return at_; }
+
+ protected:
+  // Makes the fields as they stand the snapshot that there is before the first tick.
+  void take_first_snapshot() { std::copy_n(packed(), at_.size, now_->begin()); }
+
+  // A tick in three parts, for callers that have numbers of their own beside the fields: copy the
+  // fields, write over the copy (`staged`), then ask and solve.
+  void stage() {
+    if (next_.use_count() > 1) next_ = std::make_shared<std::vector<double>>(at_.size);
+    finite_ = copy_finite(packed(), next_->data(), at_.size);
+  }
+  double* staged() { return next_->data(); }
+  void stage(const double* numbers, std::size_t offset, std::size_t count) {
+    finite_ &= copy_finite(numbers, staged() + offset, count);
+  }
+
+  // Whether the staged numbers make no problem; refusal() says why.
+  bool refuses() {
+    changed_ = ticked_ ? find_changes(at_, now_->data(), next_->data()) : unsigned(kChangedAll);
+    refusal_ = finite_ && !(changed_ & kChangedRest) ? Flaw{}
+                                                     : find_flaw(layout(), next_->data(), finite_);
+    return bool(refusal_);
+  }
+
+  const Result& solve_staged() {
+    now_.swap(next_);
+    ticked_ = true;
+    return engine_.tick(now_->data(), settings, changed_);
+  }
 
  private:
   Engine engine_;
   Offsets at_;
-  std::vector<double> now_, next_;  // of the last tick, and of the one that is being made
-  const char* refusal_ = nullptr;
-  bool ticked_ = false;
+  std::shared_ptr<std::vector<double>> now_, next_;  // of the last tick, and of the next
+  Flaw refusal_;
+  unsigned changed_ = kChangedAll;
+  bool ticked_ = false, finite_ = true;
 };
 
 inline const char* to_string(Status status) {

@@ -1,4 +1,4 @@
-// Views of numbers that stand elsewhere: a piece of a list, a row-major matrix.
+// Views of numbers that stand elsewhere: a piece of a list, a row-major matrix, a single one.
 #pragma once
 
 #include <algorithm>
@@ -39,6 +39,20 @@ class Matrix {
  private:
   double* first_ = nullptr;
   int rows_ = 0, columns_ = 0;
+};
+
+// Written and read like a double.
+class Scalar {
+ public:
+  explicit Scalar(double* at) : at_(at) {}
+  operator double&() const { return *at_; }
+  const Scalar& operator=(double value) const {
+    *at_ = value;
+    return *this;
+  }
+
+ private:
+  double* at_;
 };
 
 }  // namespace graspforce

@@ -2,6 +2,7 @@
 // known before a tick, since the engine takes what it gets.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 
@@ -26,6 +27,7 @@ inline bool copy_finite(const double* from, double* to, std::size_t count) {
 
 // What differs between two packed problems, as Engine::tick wants to know it.
 inline unsigned find_changes(const Offsets& at, const double* before, const double* now) {
+  // Fields of one kind of change stand side by side: three comparisons are enough.
   auto differ = [&](std::size_t begin, std::size_t end) {
     return std::memcmp(before + begin, now + begin, (end - begin) * sizeof(double)) != 0;
   };
@@ -33,24 +35,47 @@ inline unsigned find_changes(const Offsets& at, const double* before, const doub
          (differ(at.tau_lo, at.size) ? kChangedRest : 0u);
 }
 
-// The first thing that keeps finite numbers from making a problem, null when there is none: the
-// checks of values of ForceProblem. W, f and J may be anything.
-inline const char* find_flaw(const Layout& layout, const Problem& p) {
-  if (!(*p.alpha > 0)) return "alpha: expected more than 0";
+// What keeps numbers from making a problem.
+struct Flaw {
+  const char* field = nullptr;  // null: nothing does
+  int axes = 0;                 // how many of row and column tell the entry
+  int row = 0, column = 0;
+  double got = 0;
+  const char* expected = nullptr;
+
+  explicit operator bool() const { return field != nullptr; }
+};
+
+// The first flaw of a problem's numbers: the one validation of values, for C++ and for Python.
+// `finite` tells that all of them are known to be finite; fields that may be anything are then
+// passed over.
+inline Flaw find_flaw(const Layout& layout, const double* packed, bool finite = false) {
+  Flaw flaw;
+  each_field(layout, [&](const Field& field) {
+    if (flaw || (finite && field.range == Range::Finite)) return;
+    for (int row = 0; row < field.rows; ++row)
+      for (int column = 0; column < field.columns; ++column) {
+        const double x = packed[field.offset + std::size_t(row) * field.columns + column];
+        const char* expected = nullptr;
+        if (field.range == Range::Positive && !(x > 0)) expected = "more than 0";
+        if (field.range == Range::NotNegative && !(x >= 0)) expected = "0 or more";
+        if (field.range == Range::Share && !(x >= 0 && x <= 1)) expected = "0 to 1";
+        if (!std::isfinite(x)) expected = "finite numbers everywhere";
+        if (expected != nullptr && !flaw) flaw = {field.name, field.axes, row, column, x, expected};
+      }
+  });
+  if (flaw) return flaw;
+  const Problem p(layout, packed);
   for (int j = 0; j < layout.joints; ++j)
-    if (!(p.tau_lo[j] < p.tau_hi[j])) return "tau_lo: expected less than tau_hi";
+    if (!(p.tau_lo[j] < p.tau_hi[j])) return {"tau_lo", 1, j, 0, p.tau_lo[j], "less than tau_hi"};
   for (int i = 0; i < layout.contacts(); ++i) {
-    if (!(p.engagement[i] >= 0 && p.engagement[i] <= 1)) return "engagement: expected 0 to 1";
     if (!layout.ceilings && p.engagement[i] != 1)
-      return "engagement: expected 1 without c_max, the ceiling that it scales";
-    if (layout.ceilings && !(p.c_max[i] > 0)) return "c_max: expected more than 0";
-    if (layout.floors && !(p.c_min[i] >= 0)) return "c_min: expected 0 or more";
+      return {
+          "engagement", 1, i, 0, p.engagement[i], "1 without c_max, the ceiling that it scales"};
     if (layout.ceilings && layout.floors && !(p.c_min[i] < p.c_max[i]))
-      return "c_min: expected less than c_max";
-    if (!(p.mu[i] > 0)) return "mu: expected more than 0";
-    if (!(p.gamma[i] > 0)) return "gamma: expected more than 0";
+      return {"c_min", 1, i, 0, p.c_min[i], "less than c_max"};
   }
-  return nullptr;
+  return flaw;
 }
 
 }  // namespace graspforce

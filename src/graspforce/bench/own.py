@@ -127,7 +127,7 @@ def _core_times(
 ) -> Array:
     defaults, stream = Settings(), np.stack([problem.packed for problem in problems])
     layout = problems[0].layout
-    return 1e-3 * module.time_ticks(*layout, stream, rounds, defaults.tol, defaults.max_steps, cold)
+    return 1e-3 * module.time_ticks(layout, stream, rounds, defaults.tol, defaults.max_steps, cold)
 
 
 def _newton_step(problem: ForceProblem, rounds: int) -> Array:
@@ -136,7 +136,7 @@ def _newton_step(problem: ForceProblem, rounds: int) -> Array:
     most = solve(far).newton_steps - 1
     stream = np.stack([far.packed] * 20)
     ends = [
-        _engine.module.time_ticks(*far.layout, stream, 5 * rounds, 1e-9, budget, True)
+        _engine.module.time_ticks(far.layout, stream, 5 * rounds, 1e-9, budget, True)
         for budget in (1, most)
     ]
     return 1e-3 * (ends[1] - np.median(ends[0])) / (most - 1)
