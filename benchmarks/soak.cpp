@@ -65,7 +65,8 @@ class Stream {
     tally.steps += servo_.result().newton_steps;
     tally.longest = std::max(tally.longest, long(servo_.result().newton_steps));
     const char* fault =
-        Judge(grasp_.layout, servo_.packed()).find_fault(servo_.engine(), servo_.result());
+        Judge(grasp_.layout, servo_.snapshot()->data()).find_fault(servo_.engine(), servo_.result());
+    std::copy(servo_.c_last.begin(), servo_.c_last.end(), grasp_.data.c_last.begin());
     if (fault == nullptr && servo_.refusal()) fault = "good numbers, refused";
     if (fault != nullptr) {
       ++tally.faults;
@@ -141,7 +142,7 @@ class Stream {
   // The same problem from nothing.
   void compare(Tally& tally) {
     const Status warm = servo_.result().status;
-    const Result& cold = cold_.solve(servo_.packed(), Settings{});
+    const Result& cold = cold_.solve(servo_.snapshot()->data(), Settings{});
     ++tally.compared;
     if (warm == Status::Solved && cold.status == Status::Solved) {
       double apart = 0, size = 0;

@@ -88,6 +88,7 @@ static Layout some_layout(Choices& choices) {
   layout.inequalities = flags & 4 ? 1 + choices.below(3) : 0;
   layout.ceilings = flags & 8;
   layout.floors = flags & 16;
+  layout.rate_limits = flags & 64;
   if (flags & 32) layout.wrench_rows = 1 + choices.below(9);  // more than six: passive joints, say
   return layout;
 }
@@ -135,7 +136,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t cou
       continue;
     }
     before = servo;
-    const char* fault = Judge(layout, servo.packed()).find_fault(servo.engine(), servo.result());
+    const char* fault = Judge(layout, servo.snapshot()->data()).find_fault(servo.engine(), servo.result());
     if (fault != nullptr) complain(fault, servo.result(), servo);
     if (servo.result().newton_steps > servo.settings.max_steps)
       complain("more steps than allowed", servo.result(), servo);

@@ -209,6 +209,11 @@ class Judge {
         offer([normal, side](int c) { return c == normal ? Real(side) : 0; }, side * bound, bound);
       }
     }
+    for (int side : {1, -1})
+      for (int i = 0; layout_.rate_limits && i < m_; ++i)
+        offer([i, side](int c) { return c == i ? Real(side) : 0; },
+              Real(p_.dc_max[i]) + side * Real(p_.c_last[i]),
+              std::abs(Real(p_.dc_max[i])) + std::abs(Real(p_.c_last[i])));
     for (int r = 0; r < layout_.inequalities; ++r)
       offer([&, r](int i) { return Real(p_.A[r * m_ + i]); }, p_.b[r], std::abs(Real(p_.b[r])));
   }

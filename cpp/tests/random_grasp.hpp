@@ -35,6 +35,7 @@ inline Layout random_layout(Random& random, int most_contacts = 8) {
   layout.inequalities = random.chance(0.3) ? 1 + random.below(3) : 0;
   layout.ceilings = layout.joints == 0 || random.chance(0.7);
   layout.floors = random.chance(0.2);
+  layout.rate_limits = random.chance(0.2);
   return layout;
 }
 
@@ -57,6 +58,7 @@ class RandomGrasp {
       if (layout.ceilings) data.c_max[i] = random.uniform(5, 40);
       if (layout.floors) data.c_min[i] = random.uniform(0, 0.1);
     }
+    for (double& most : data.dc_max) most = random.uniform(0.5, 10);
     std::fill(data.tau_lo.begin(), data.tau_lo.end(), -0.8);
     std::fill(data.tau_hi.begin(), data.tau_hi.end(), 0.8);
     for (double& entry : data.A.entries()) entry = random.normal();

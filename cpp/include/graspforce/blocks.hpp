@@ -1,8 +1,8 @@
 // A problem's numbers, gathered block by block.
 //
 // In every block all linear limits are rows lo ≤ a·c ≤ hi: joint torques (less their bias), then
-// the problem's inequalities, then each contact's normal force between floor and ceiling. Absent
-// sides are infinite: their slack is infinite too, so they fall out of every barrier by themselves.
+// the problem's inequalities, then each contact's normal force between floor and ceiling, then each
+// component between its rate limits. Absent sides are infinite: their slack is infinite too, so they fall out of every barrier by themselves.
 #pragma once
 
 #include <algorithm>
@@ -143,25 +143,34 @@ class Blocks {
     const int block_joints = part.block->joints.size();
     const int inequalities = part.block->inequalities.size();
     const int ceilings = 2 * joints, floors = ceilings + (layout_.ceilings ? n : 0);
+    const int rates = floors + (layout_.floors ? n : 0);
     if (r < block_joints) return {part.block->joints[r], joints + part.block->joints[r]};
     r -= block_joints;
     if (r < inequalities)
-      return {floors + (layout_.floors ? n : 0) + part.block->inequalities[r], -1};
-    const int contact = part.tips[r - inequalities].contact;
-    return {layout_.ceilings ? ceilings + contact : -1, layout_.floors ? floors + contact : -1};
+      return {limit_count(layout_) - layout_.inequalities + part.block->inequalities[r], -1};
+    r -= inequalities;
+    if (r < boxed_contacts(*part.block)) {
+      const int contact = part.tips[r].contact;
+      return {layout_.ceilings ? ceilings + contact : -1, layout_.floors ? floors + contact : -1};
+    }
+    const int component = part.block->components[r - boxed_contacts(*part.block)];
+    return {rates + component, rates + layout_.components() + component};
   }
 
  private:
   // What `allot` takes for any structure.
   static std::size_t most_numbers(const Layout& layout) {
-    const std::size_t rows = layout.joints + layout.inequalities + layout.contacts();
     return std::size_t(layout.components()) * layout.wrench_rows +
-           rows * (largest_block(layout) + 3);
+           most_rows(layout) * (largest_block(layout) + 3);
   }
 
+  // Contacts whose normal force has a row, components that have one.
+  int boxed_contacts(const Block& block) const {
+    return layout_.ceilings || layout_.floors ? block.contacts.size() : 0;
+  }
   std::size_t count_rows(const Block& block) const {
-    const bool boxed = layout_.ceilings || layout_.floors;
-    return block.joints.size() + block.inequalities.size() + (boxed ? block.contacts.size() : 0);
+    return block.joints.size() + block.inequalities.size() + boxed_contacts(block) +
+           (layout_.rate_limits ? block.components.size() : 0);
   }
 
   void load_wrench_rows(const Problem& p, Part& part) {
@@ -192,13 +201,19 @@ class Blocks {
     for (Tip& tip : part.tips) {
       tip.cone.mu = p.mu[tip.contact];
       tip.cone.torsion = p.mu[tip.contact] / p.gamma[tip.contact];
-      if (r == part.rows) continue;
+      if (boxed_contacts(block) == 0) continue;
       const double share = p.engagement[tip.contact];
       a[tip.first] = 1;
       part.hi[r] = layout_.ceilings ? share * p.c_max[tip.contact] : kInfinity;
       part.lo[r] = layout_.floors ? share * p.c_min[tip.contact] : -kInfinity;
       a += part.q;
       ++r;
+    }
+    for (int i = 0; r < part.rows; ++i, ++r, a += part.q) {
+      const int component = block.components[i];
+      a[i] = 1;
+      part.lo[r] = p.c_last[component] - p.dc_max[component];
+      part.hi[r] = p.c_last[component] + p.dc_max[component];
     }
   }
 
@@ -234,7 +249,9 @@ class Blocks {
             own += std::abs(part.a[r * part.q + tip.first + j]) * tip.reach;
         part.scale[r] = own > 0 ? own : std::max(std::abs(part.hi[r]), fallback);
       }
-      for (int i = 0; r < part.rows; ++i, ++r) part.scale[r] = part.tips[i].reach;
+      for (int i = 0; i < boxed_contacts(*part.block); ++i, ++r)
+        part.scale[r] = part.tips[i].reach;
+      for (; r < part.rows; ++r) part.scale[r] = 0.5 * (part.hi[r] - part.lo[r]);
     }
   }
 

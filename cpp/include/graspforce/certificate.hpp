@@ -16,7 +16,8 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
   const int k = layout.wrench_rows, n = layout.contacts(), m = layout.components();
   const int joints = layout.joints, rows = layout.inequalities;
   const double *z_hi = z, *z_lo = z_hi + joints, *z_max = z_lo + joints,
-               *z_min = z_max + (layout.ceilings ? n : 0), *z_A = z_min + (layout.floors ? n : 0);
+               *z_min = z_max + (layout.ceilings ? n : 0), *z_up = z_min + (layout.floors ? n : 0),
+               *z_down = z_up + (layout.rate_limits ? m : 0), *z_A = z + limit_count(layout) - rows;
   const int count = limit_count(layout);
   const double unit = 1e-14 * (k + count);
 
@@ -32,6 +33,10 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
   }
   for (int i = 0; i < n && layout.ceilings; ++i) add(-z_max[i] * p.engagement[i] * p.c_max[i]);
   for (int i = 0; i < n && layout.floors; ++i) add(z_min[i] * p.engagement[i] * p.c_min[i]);
+  for (int i = 0; i < m && layout.rate_limits; ++i) {
+    add(-z_up[i] * (p.c_last[i] + p.dc_max[i]));
+    add(-z_down[i] * (p.dc_max[i] - p.c_last[i]));
+  }
   for (int r = 0; r < rows; ++r) add(-z_A[r] * p.b[r]);
   for (int i = 0; i < count; ++i)
     if (!(z[i] >= 0)) return false;
@@ -54,6 +59,7 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
       }
       if (c == 0 && layout.ceilings) term(z_max[i]);
       if (c == 0 && layout.floors) term(-z_min[i]);
+      if (layout.rate_limits) term(z_up[start + c]), term(-z_down[start + c]);
       for (int r = 0; r < rows; ++r) term(p.A[r * m + start + c] * z_A[r]);
       for (int r = 0; r < k; ++r) term(-p.W[r * m + start + c] * y[r]);
     }

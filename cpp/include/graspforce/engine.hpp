@@ -85,11 +85,13 @@ class Engine {
   const double* certificate_z() const { return z_.data(); }
   std::size_t limits() const { return z_.size(); }
 
-  // Solves from `start` (m forces) where it is inside the limits, else from nothing.
+  // Solves from `start` (m forces) where it is inside the limits, else from nothing. Where rates are
+  // limited the last forces are the start that there is.
   const Result& solve(const double* packed, const Settings& settings,
                       const double* start = nullptr) {
     const DefaultFloatingPoint environment;
     const Problem problem(offsets_, packed);
+    if (start == nullptr && layout_.rate_limits) start = problem.c_last;
     unseen_ = kChangedAll;  // the next tick's numbers are compared with these, not with its last
     in_core(problem, settings, kChangedAll, [&](auto& barrier, Budget& budget, unsigned) {
       double lambda = kInfinity;
@@ -144,7 +146,8 @@ class Engine {
   template <class Work>
   void in_core(const Problem& problem, const Settings& settings, unsigned changed, Work work) {
     result_ = Result();
-    if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0)
+    if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0 &&
+        !layout_.rate_limits)
       return answer_nothing(Status::Unbounded);
     Budget budget(settings);
     if (!structure_.holds(problem, changed)) {

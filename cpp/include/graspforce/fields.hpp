@@ -36,6 +36,8 @@ enum class Range { Finite, Positive, NotNegative, Share };
   FIELD(c_max, Span<double>, l.ceilings ? l.contacts() : 0, 1, 0, Positive, kChangedRest)  \
   FIELD(c_min, Span<double>, l.floors ? l.contacts() : 0, 1, 0, NotNegative, kChangedRest) \
   FIELD(engagement, Span<double>, l.contacts(), 1, 1, Share, kChangedRest)                 \
+  FIELD(c_last, Span<double>, l.rate_limits ? l.components() : 0, 1, 0, Finite, kChangedRest) \
+  FIELD(dc_max, Span<double>, l.rate_limits ? l.components() : 0, 1, 0, Positive, kChangedRest) \
   FIELD(A, Matrix, l.inequalities, l.components(), 0, Finite, kChangedRest)                \
   FIELD(b, Span<double>, l.inequalities, 1, 0, Finite, kChangedRest)                       \
   FIELD(mu, Span<double>, l.contacts(), 1, 1, Positive, kChangedRest)                      \

@@ -112,12 +112,12 @@ class LaneBarrier {
         if (reach[l] < kInfinity) known = std::max(known, reach[l]);
     }
     const Lanes fallback = splat(known > 0 ? known : largest_f_ > 0 ? largest_f_ : 1);
-    for (Group& group : *this) group.push(fraction * min(group.reach(), fallback));
+    for (Group& group : *this) group.push(fraction * min(group.reach(), fallback), layout_);
   }
 
   bool inside() const {
     Lanes worst = splat(kInfinity);
-    for (const Group& group : *this) worst = min(worst, group.slack());
+    for (const Group& group : *this) worst = min(worst, group.slack(layout_));
     return all_positive(worst);
   }
 
@@ -153,7 +153,7 @@ class LaneBarrier {
     for (int i = 0; i < Q; ++i) force = max(force, group.mask[i] * abs(group.c[i]));
     const double largest = greatest(force);
     if (largest <= 1e-3 * kRunaway * largest_f_) return false;  // nearly always
-    for (const Group& group : *this) size = max(size, group.size());
+    for (const Group& group : *this) size = max(size, group.size(layout_));
     return largest > kRunaway * std::max(greatest(size), largest_f_);
   }
 
@@ -195,7 +195,7 @@ class LaneBarrier {
 
   double step_limit() const {
     Lanes worst = {};
-    for (const Group& group : *this) worst = max(worst, group.inverse_limit());
+    for (const Group& group : *this) worst = max(worst, group.inverse_limit(layout_));
     const double inverse = -least(-worst);
     return inverse > 0 ? 1 / inverse : kInfinity;
   }

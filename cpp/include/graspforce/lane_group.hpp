@@ -57,6 +57,7 @@ struct LaneGroup {
   Lanes soft = {};   // 1 for soft fingers
   Lanes mu = splat(1), torsion = splat(1);
   Lanes floor = splat(-kInfinity), ceiling = splat(kInfinity);
+  Lanes rate_lo[Q] = {}, rate_hi[Q] = {};  // with rate limits
   Lanes W[kWrench][Q] = {};
   Span<Row> rows;
   int two_sided = 0;  // the joints' rows come first, then inequalities, which have no lower side
@@ -126,7 +127,7 @@ struct LaneGroup {
   }
 
   // Least slack at the point.
-  GRASPFORCE_INLINE Lanes slack() const {
+  GRASPFORCE_INLINE Lanes slack(const Layout& layout) const {
     Lanes height, radius;
     cone(c, height, radius);
     Lanes worst = min(height - radius, min(ceiling - c[0], c[0] - floor));
@@ -134,6 +135,8 @@ struct LaneGroup {
       const Lanes t = row.at(c);
       worst = min(worst, min(row.hi - t, t - row.lo));
     }
+    for (int i = 0; i < Q && layout.rate_limits; ++i)
+      worst = min(worst, min(rate_hi[i] - c[i], c[i] - rate_lo[i]));
     return worst;
   }
 
@@ -167,14 +170,18 @@ struct LaneGroup {
       worst = min(worst, above);
       add_row(*row, limit_weight * up, limit_weight * up * up);
     }
-    auto bound_normal = [&](Lanes room, double sign) {
+    auto bound = [&](int i, Lanes room, double sign) {
       worst = min(worst, room);
       const Lanes inverse = 1 / room;
-      sum_g[0] += (sign * limit_weight) * inverse;
-      if (with_hessian) sum_H[0] += limit_weight * inverse * inverse;
+      sum_g[i] += (sign * limit_weight) * inverse;
+      if (with_hessian) sum_H[at(i, i)] += limit_weight * inverse * inverse;
     };
-    if (layout.ceilings) bound_normal(ceiling - c[0], 1);
-    if (layout.floors) bound_normal(c[0] - floor, -1);
+    if (layout.ceilings) bound(0, ceiling - c[0], 1);
+    if (layout.floors) bound(0, c[0] - floor, -1);
+    for (int i = 0; i < Q && layout.rate_limits; ++i) {
+      bound(i, rate_hi[i] - c[i], 1);
+      bound(i, c[i] - rate_lo[i], -1);
+    }
 
     const Lanes inverse_det = 1 / ((height - radius) * (height + radius)), twice = 2 * inverse_det;
     const Lanes scaled = cone_weight * twice;
@@ -334,7 +341,7 @@ struct LaneGroup {
   }
 
   // 1 / largest t for which the point plus t d stays inside (0 or less: no limit).
-  Lanes inverse_limit() const {
+  Lanes inverse_limit(const Layout& layout) const {
     Lanes height, radius, worst = {};
     cone(c, height, radius);
     const Lanes rise = mu * d[0];
@@ -359,6 +366,8 @@ struct LaneGroup {
       const Lanes t = row.at(c);
       limit(row.hi - t, t - row.lo, row.at(d));
     }
+    for (int i = 0; i < Q && layout.rate_limits; ++i)
+      limit(rate_hi[i] - c[i], c[i] - rate_lo[i], d[i]);
     return worst;
   }
 
@@ -465,22 +474,30 @@ struct LaneGroup {
     const Lanes share = gather(p.engagement, contact);
     if (layout.ceilings) ceiling = idle > 0 ? splat(kInfinity) : share * gather(p.c_max, contact);
     if (layout.floors) floor = idle > 0 ? splat(-kInfinity) : share * gather(p.c_min, contact);
+    for (int i = 0; i < Q && layout.rate_limits; ++i) {
+      const Lanes last = gather(p.c_last, component[i]), most = gather(p.dc_max, component[i]);
+      rate_lo[i] = mask[i] > 0 ? last - most : splat(-kInfinity);
+      rate_hi[i] = mask[i] > 0 ? last + most : splat(kInfinity);
+    }
   }
 
   // A pure push, less where that would pass a limit that a weaker push keeps to.
-  void push(Lanes normal) {
+  void push(Lanes normal, const Layout& layout) {
     Lanes used = splat(kMostUsed);
     for (const Row& row : rows) {
       const Lanes t = row.a[0] * normal, up = t / row.hi, down = t / row.lo;
       used = max(used, t > 0 ? (row.hi > 0 ? up : used) : (row.lo < 0 ? down : used));
     }
+    if (layout.rate_limits) used = rate_hi[0] > 0 ? max(used, normal / rate_hi[0]) : used;
     c[0] = idle > 0 ? splat(1) : normal * (kMostUsed / used);
     for (int i = 1; i < Q; ++i) c[i] = Lanes{};
   }
 
   // The size of force that the limits are made for, by the largest of them.
-  Lanes size() const {
+  Lanes size(const Layout& layout) const {
     Lanes most = ceiling < kInfinity ? ceiling : Lanes{};
+    for (int i = 0; i < Q && layout.rate_limits; ++i)
+      most = mask[i] > 0 ? max(most, max(abs(rate_lo[i]), abs(rate_hi[i]))) : most;
     for (const Row& row : rows) {
       const Lanes low = row.lo > -kInfinity ? abs(row.lo) : Lanes{};
       Lanes largest = abs(row.a[0]);

@@ -34,6 +34,7 @@ struct Layout {
   int inequalities = 0;       // rows of A
   bool ceilings = false;      // c_max given
   bool floors = false;        // c_min given
+  bool rate_limits = false;   // c_last and dc_max given
 
   // Where a contact's components start in c.
   int first(int contact) const {
@@ -50,10 +51,17 @@ struct Layout {
 };
 
 // Rows of ForceProblem.linear_limits() before any are left out: torques above and below, ceilings,
-// floors, inequalities.
+// floors, rates above and below, inequalities.
 inline int limit_count(const Layout& layout) {
   return 2 * layout.joints + layout.inequalities +
-         layout.contacts() * (int(layout.ceilings) + int(layout.floors));
+         layout.contacts() * (int(layout.ceilings) + int(layout.floors)) +
+         2 * layout.components() * int(layout.rate_limits);
+}
+
+// Rows lo ≤ a·c ≤ hi of all blocks together, whatever the blocks.
+inline std::size_t most_rows(const Layout& layout) {
+  return layout.joints + layout.inequalities + layout.contacts() +
+         (layout.rate_limits ? layout.components() : 0);
 }
 
 // Components of the largest block that the contacts may ever form: joints and inequalities can come

@@ -153,8 +153,7 @@ class LeastSquares {
 
  private:
   static std::size_t most_numbers(const Layout& layout) {
-    const std::size_t m = layout.components(), rows = layout.joints + layout.inequalities;
-    return (rows + layout.contacts() + m) * (largest_block(layout) + 2);
+    return (most_rows(layout) + layout.components()) * (largest_block(layout) + 2);
   }
   static int width(const Part& part) { return part.q + 2; }
   static std::size_t numbers(const Part& part) {

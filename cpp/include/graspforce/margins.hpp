@@ -13,7 +13,7 @@ namespace graspforce {
 struct Margins {
   double friction = kInfinity;  // least mu n − ‖w t‖ of a contact in the grasp [N]
   double torque = kInfinity;    // least distance of a joint torque to a limit [N·m]
-  double limit = kInfinity;     // least slack of ceilings, floors and A c ≤ b, in their own units
+  double limit = kInfinity;     // least slack of ceilings, floors, rates and A c ≤ b, in their units
   double wrench_error = 0;      // largest |W c − f| [N, N·m]
 
   // Strictly inside every limit, whatever the wrench.
@@ -54,6 +54,8 @@ inline Margins find_margins(const Layout& layout, const Problem& p, const double
     const double normal = c[start], share = p.engagement[i];
     if (layout.ceilings) margins.limit = std::min(margins.limit, share * p.c_max[i] - normal);
     if (layout.floors) margins.limit = std::min(margins.limit, normal - share * p.c_min[i]);
+    for (int j = start; layout.rate_limits && j < start + static_cast<int>(layout.models[i]); ++j)
+      margins.limit = std::min(margins.limit, p.dc_max[j] - std::abs(c[j] - p.c_last[j]));
   }
   for (int r = 0; r < layout.wrench_rows; ++r) {
     const double w = along([&](int i) { return p.W[r * m + i]; }, counts);

@@ -41,8 +41,7 @@ class PrimalDual : public BlockPoint {
   PrimalDual(const Blocks& blocks, LeastSquares& least_squares)
       : BlockPoint(blocks),
         least_squares_(least_squares),
-        sides_(2 * std::size_t(blocks.layout().joints + blocks.layout().inequalities +
-                               blocks.layout().contacts())),
+        sides_(2 * most_rows(blocks.layout())),
         cones_(blocks.layout().contacts()),
         arena_(largest_block(blocks.layout()) * (largest_block(blocks.layout()) + 2)),
         nu_(blocks.layout().wrench_rows),

@@ -107,10 +107,14 @@ class Servo : public ProblemData {
     return bool(refusal_);
   }
 
+  // Where rates are limited, forces that were found become the last ones of the next tick.
   const Result& solve_staged() {
     now_.swap(next_);
     ticked_ = true;
-    return engine_.tick(now_->data(), settings, changed_);
+    const Result& result = engine_.tick(now_->data(), settings, changed_);
+    if (layout().rate_limits && result.status == Status::Solved)
+      std::copy_n(engine_.forces(), c_last.size(), c_last.begin());
+    return result;
   }
 
  private:
