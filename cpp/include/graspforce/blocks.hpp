@@ -2,7 +2,8 @@
 //
 // In every block all linear limits are rows lo ≤ a·c ≤ hi: joint torques (less their bias), then
 // the problem's inequalities, then each contact's normal force between floor and ceiling, then each
-// component between its rate limits. Absent sides are infinite: their slack is infinite too, so they fall out of every barrier by themselves.
+// component between its rate limits. Absent sides are infinite: their slack is infinite too, so
+// they fall out of every barrier by themselves.
 #pragma once
 
 #include <algorithm>
@@ -249,8 +250,7 @@ class Blocks {
             own += std::abs(part.a[r * part.q + tip.first + j]) * tip.reach;
         part.scale[r] = own > 0 ? own : std::max(std::abs(part.hi[r]), fallback);
       }
-      for (int i = 0; i < boxed_contacts(*part.block); ++i, ++r)
-        part.scale[r] = part.tips[i].reach;
+      for (int i = 0; i < boxed_contacts(*part.block); ++i, ++r) part.scale[r] = part.tips[i].reach;
       for (; r < part.rows; ++r) part.scale[r] = 0.5 * (part.hi[r] - part.lo[r]);
     }
   }

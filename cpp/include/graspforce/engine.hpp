@@ -85,8 +85,8 @@ class Engine {
   const double* certificate_z() const { return z_.data(); }
   std::size_t limits() const { return z_.size(); }
 
-  // Solves from `start` (m forces) where it is inside the limits, else from nothing. Where rates are
-  // limited the last forces are the start that there is.
+  // Solves from `start` (m forces) where it is inside the limits, else from nothing. Where rates
+  // are limited the last forces are the start that there is.
   const Result& solve(const double* packed, const Settings& settings,
                       const double* start = nullptr) {
     const DefaultFloatingPoint environment;

@@ -132,13 +132,12 @@ class LaneBarrier {
 
   // max |f − W c| relative to the wrenches that add up to f.
   double wrench_error() const {
-    double size = largest_f_;
-    for (const Group& group : *this) {
-      for (int r = 0; r < kWrench; ++r) {
-        Lanes part = {};
+    double size = 0;
+    for (int r = 0; r < kWrench; ++r) {
+      Lanes part = {};
+      for (const Group& group : *this)
         for (int i = 0; i < Q; ++i) part += abs(group.W[r][i] * group.c[i]);
-        size = std::max(size, sum(part));
-      }
+      size = std::max(size, std::abs(f_[r]) + sum(part));
     }
     if (!(size < kInfinity)) return kInfinity;
     Lanes high, low;

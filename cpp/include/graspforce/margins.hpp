@@ -13,8 +13,8 @@ namespace graspforce {
 struct Margins {
   double friction = kInfinity;  // least mu n − ‖w t‖ of a contact in the grasp [N]
   double torque = kInfinity;    // least distance of a joint torque to a limit [N·m]
-  double limit = kInfinity;     // least slack of ceilings, floors, rates and A c ≤ b, in their units
-  double wrench_error = 0;      // largest |W c − f| [N, N·m]
+  double limit = kInfinity;  // least slack of ceilings, floors, rates and A c ≤ b, in their units
+  double wrench_error = 0;   // largest |W c − f| [N, N·m]
 
   // Strictly inside every limit, whatever the wrench.
   bool inside() const { return friction > 0 && torque > 0 && limit > 0; }

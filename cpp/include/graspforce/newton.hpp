@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "graspforce/barrier_concept.hpp"
 #include "graspforce/budget.hpp"
 #include "graspforce/cone.hpp"
 
@@ -42,6 +43,7 @@ inline constexpr int kPatience = 12, kTerm = 25;
 // without a single logarithm, and 1/(1 + λ) is a length that never does.
 template <class Barrier>
 Newton minimise(Barrier& barrier, double lambda, double tol, Budget& budget, bool balanced) {
+  static_assert(IsBarrier<Barrier>::value, "see barrier_concept.hpp");
   double bound = kInfinity;
   for (int steps = 1;; ++steps) {
     if (!std::isfinite(lambda)) return {Newton::End::Overflow, bound};

@@ -1,0 +1,146 @@
+// Every kernel that fits a grasp computes the same barrier: decrement, step, multipliers, slopes
+// and limits of the general one, each beside the others at the same point of the same problem.
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "expect.hpp"
+#include "graspforce/engine.hpp"
+#include "random_grasp.hpp"
+
+using namespace graspforce;
+
+// What a kernel finds at a point.
+struct Found {
+  double force = 0, lambda = 0, slope = 0, limit = 0, bound = 0, wrench_error = 0;
+  bool inside = false, balanced = false;
+  std::vector<double> step, nu, next_nu;
+};
+
+static double size(const std::vector<double>& x) {
+  double largest = 0;
+  for (double each : x) largest = std::max(largest, std::abs(each));
+  return largest;
+}
+
+template <class AnyBarrier>
+static Found look(AnyBarrier& barrier, const Layout& layout, const std::vector<double>& c) {
+  const int m = layout.components(), k = layout.wrench_rows;
+  Found found;
+  barrier.set_forces(c.data());
+  found.force = size(c);
+  found.inside = barrier.inside();
+  found.balanced = barrier.balanced();
+  found.wrench_error = barrier.wrench_error();
+  EXPECT(barrier.evaluate());
+  found.lambda = barrier.newton();
+  found.slope = barrier.slope();
+  found.limit = barrier.step_limit();
+  found.nu.resize(k);
+  barrier.get_multipliers(found.nu.data());
+  found.step.resize(m);
+  // A step that stays inside, however long the whole one is.
+  const double t = std::min(1.0, 0.5 * found.limit);
+  barrier.advance(t);
+  barrier.get_forces(found.step.data());
+  for (int i = 0; i < m; ++i) found.step[i] = (found.step[i] - c[i]) / t;
+  if (found.lambda < 0.2) {
+    barrier.advance(1 - t);
+    found.bound = barrier.decrement_bound(found.lambda);
+    found.next_nu.resize(k);
+    barrier.get_multipliers(found.next_nu.data());
+  }
+  return found;
+}
+
+// Largest difference relative to the largest entry, or to `unit` where that is larger.
+static double apart(const std::vector<double>& x, const std::vector<double>& y, double unit = 0) {
+  double worst = 0;
+  for (std::size_t i = 0; i < x.size(); ++i) worst = std::max(worst, std::abs(x[i] - y[i]));
+  return worst / std::max({size(x), unit, 1e-300});
+}
+
+// In units of the forces. Rounding grows towards the boundary.
+static std::vector<double> steps_apart;
+
+static void agree(const Found& general, const Found& other, const std::string& kernel) {
+  const int before = failures;
+  const double near = 1e-8;
+  EXPECT(general.inside == other.inside && general.balanced == other.balanced);
+  EXPECT(std::abs(general.wrench_error - other.wrench_error) <=
+         1e-13 + near * general.wrench_error);
+  EXPECT(std::abs(general.lambda - other.lambda) <= near * (general.lambda + 1e-4));
+  EXPECT(std::abs(general.slope - other.slope) <= near * 1e3 * general.lambda);
+  EXPECT(std::abs(general.limit - other.limit) <= 1e-6 * general.limit ||
+         general.limit == other.limit);
+  steps_apart.push_back(apart(general.step, other.step, general.force));
+  EXPECT(steps_apart.back() <= 1e-11);
+  EXPECT(apart(general.nu, other.nu) <= near);
+  EXPECT(std::abs(general.bound - other.bound) <= 1e-9 + 1e-6 * general.bound);
+  if (!general.next_nu.empty()) EXPECT(apart(general.next_nu, other.next_nu) <= near);
+  if (failures > before) std::printf("  %s\n", kernel.c_str());
+}
+
+template <int Q, bool single>
+static bool lanes(const Found& general, const Layout& layout, const Structure& structure,
+                  const Problem& problem, const std::vector<double>& c, const char* kernel) {
+  if (!LaneBarrier<Q, single>::fits(layout, structure)) return false;
+  LaneBarrier<Q, single> barrier(layout);
+  barrier.allot(structure);
+  barrier.load(problem, kChangedAll);
+  agree(general, look(barrier, layout, c), kernel);
+  return true;
+}
+
+int main() {
+  Random random(5);
+  int compared = 0, kernels[5] = {}, close = 0;
+  for (int trial = 0; trial < 3000; ++trial) {
+    const Layout layout = random_layout(random, 12);
+    RandomGrasp grasp(random, layout);
+    if (random.chance(0.2)) grasp.couple(random);
+    if (layout.ceilings && random.chance(0.3))
+      grasp.data.engagement[random.below(layout.contacts())] = random.chance(0.5) ? 0 : 0.3;
+    grasp.wish(random, 0.2);
+    // The forces of this wrench are inside every limit; at them, another wrench is to be made.
+    Engine engine(layout);
+    if (engine.solve(grasp.data.packed(), Settings{}).status != Status::Solved) continue;
+    const std::vector<double> c(engine.forces(), engine.forces() + layout.components());
+    const bool near = random.chance(0.5);  // to the minimum
+    for (double& each : grasp.data.f) each += (near ? 1e-5 : 0.3) * random.normal();
+
+    const Problem problem(layout, grasp.data.packed());
+    Structure structure(layout);
+    structure.find(problem);
+    if (structure.blocks().empty()) continue;
+    RankExamination rank(layout);
+    rank.run(problem);
+    if (rank.deficient()) continue;
+    Blocks blocks(layout);
+    blocks.allot(structure);
+    blocks.load(problem);
+    Barrier barrier(blocks);
+    barrier.allot();
+    barrier.set_weights(*problem.alpha);
+    const Found general = look(barrier, layout, c);
+    LeastSquares least_squares(blocks);
+    least_squares.allot();
+    OrthogonalBarrier orthogonal(blocks, least_squares);
+    orthogonal.allot();
+    orthogonal.set_weights(barrier.cone_weight(), barrier.limit_weight());
+    agree(general, look(orthogonal, layout, c), "orthogonal");
+    ++compared;
+    close += general.lambda < 0.2;
+    ++kernels[0];
+    kernels[1] += lanes<3, true>(general, layout, structure, problem, c, "lanes<3, single>");
+    kernels[2] += lanes<4, true>(general, layout, structure, problem, c, "lanes<4, single>");
+    kernels[3] += lanes<3, false>(general, layout, structure, problem, c, "lanes<3>");
+    kernels[4] += lanes<4, false>(general, layout, structure, problem, c, "lanes<4>");
+  }
+  for (int count : kernels) EXPECT(count > 100);  // every kernel has been looked at
+  EXPECT(close > 100);
+  std::sort(steps_apart.begin(), steps_apart.end());
+  EXPECT(steps_apart[steps_apart.size() * 99 / 100] <= 1e-12);
+  std::printf("%d grasps\n", compared);
+  return verdict("kernels");
+}
