@@ -117,7 +117,6 @@ def test_not_finite_scalars(value):
         ([[1, 2], [3]], "not a regular array"),
         ([10**400] * 6, "type object"),
     ],
-    ids=str,
 )
 @pytest.mark.parametrize("name", ARRAYS)
 def test_no_numbers(name, junk, came):

@@ -320,6 +320,27 @@ def test_verify_finds_forces_outside_the_cones(solved, lie):
     assert not forged(solved, c=lie["sign"] * solved.c).verify().ok
 
 
+def test_verify_takes_a_boundary_for_one(solved):
+    """Forces without any slack are outside: no division by it, no warning."""
+    problem, c = solved.problem, solved.c
+    A = problem.linear_limits()[0]
+    ceilings = {"c_max": solved.normal_forces, "engagement": 1.0, "c_min": None}
+    for other in (problem.replace(A=A[:1], b=A[:1] @ c), problem.replace(**ceilings)):
+        report = gf.Solution(forged(solved)._outcome, other).verify()
+        assert not report.ok
+        assert report.limit_margin <= 1e-14
+        assert report.decrement == np.inf
+    push = gf.solve(gf.ForceProblem([[1.0, 0, 0]], [5.0], gf.PCWF(1.0), c_max=9))
+    report = forged(push, c=np.array([5.0, 3.0, 4.0])).verify()
+    assert not report.ok
+    assert report.wrench_error == report.friction_margin == 0
+    assert report.decrement == np.inf
+    report = forged(push, c=1e-200 * np.array([5.0, 3.0, 1.0])).verify()
+    assert not report.ok
+    assert report.friction_margin > 0  # but its square, by which Phi divides, is not
+    assert report.decrement == np.inf
+
+
 def test_verify_finds_forces_that_are_no_numbers(solved):
     assert not forged(solved, c=np.full_like(solved.c, np.nan)).verify().ok
 

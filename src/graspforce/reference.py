@@ -43,6 +43,8 @@ from graspforce.settings import Settings
 
 # Forces this many times their reach, with no minimum found, mean that nothing holds them.
 RUNAWAY = 1e6
+# A slack of this part of the numbers that it is the difference of is nothing but their rounding.
+ROUNDING = 2e-15
 
 # ---- III-A  polyhedral barrier ----------------------------------------------------------------
 
@@ -225,21 +227,27 @@ def friction_margins(c: Array, models: Sequence[ContactModel]) -> Array:
 
 
 def decrement(c: Array, problem: ForceProblem) -> float:
-    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}; c strictly inside.
+    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}.
 
-    It is inf where c is so close to the boundary that the Hessian is singular to rounding.
+    It is inf outside, on the boundary as far as rounding can tell, and where the Hessian is
+    singular to rounding.
     """
     view = _View(problem)
     if not view.models:
         return 0.0
+    inner = c[view.kept]
     _, N = particular_and_nullspace(view.W, problem.f)
-    gradient, hessian = view.derivatives(c[view.kept])
-    reduced = N.T @ gradient
-    try:
-        step = newton_step(reduced, N.T @ hessian @ N) if N.shape[1] else reduced
-    except np.linalg.LinAlgError:
-        return math.inf
-    return math.sqrt(max(0.0, -float(reduced @ step)))
+    with np.errstate(all="ignore"):
+        if not view.inside(inner, ROUNDING):
+            return math.inf
+        gradient, hessian = view.derivatives(inner)
+        reduced = N.T @ gradient
+        try:
+            step = newton_step(reduced, N.T @ hessian @ N) if N.shape[1] else reduced
+        except np.linalg.LinAlgError:
+            return math.inf
+        square = -float(reduced @ step)
+    return math.sqrt(max(0.0, square)) if math.isfinite(square) else math.inf
 
 
 def wrench_reachable(problem: ForceProblem) -> bool:
@@ -296,10 +304,12 @@ class _View:
         self.cone_weight = 1 / min(1.0, problem.alpha)
         self.limit_weight = problem.alpha * self.cone_weight
 
-    def inside(self, c: Array) -> bool:
+    def inside(self, c: Array, rounding: float = 0.0) -> bool:
+        """Whether every slack is above this part of the numbers that it is the difference of."""
+        least = rounding * (np.abs(self.b) + np.abs(self.A) @ np.abs(c)) if rounding else 0.0
         return bool(
-            (self.b - self.A @ c > 0).all()
-            and all(y[0] > 0 and g(y, model) > 0
+            (self.b - self.A @ c > least).all()
+            and all(y[0] > 0 and g(y, model) > rounding * -R_mu(model)[0, 0] * y[0] ** 2
                     for y, model in zip(split(c, self.models), self.models, strict=True))
         )  # fmt: skip
 
