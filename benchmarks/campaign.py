@@ -225,7 +225,7 @@ def load_interval(problem: gf.ForceProblem, f1: np.ndarray) -> tuple[float, floa
     still = np.eye(m)[out]
     A = np.vstack((problem.W, still, rows, *lifted))
     s_column = np.concatenate((-f1, np.zeros(len(A) - len(f1))))
-    A = sparse.csc_matrix(np.column_stack((A, s_column)))
+    A = sparse.csc_array(np.column_stack((A, s_column)))
     b = np.concatenate(
         (
             problem.f,
@@ -243,7 +243,7 @@ def load_interval(problem: gf.ForceProblem, f1: np.ndarray) -> tuple[float, floa
     settings.verbose = False
     settings.max_threads = 1
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
-    nothing = sparse.csc_matrix((m + 1, m + 1))
+    nothing = sparse.csc_array((m + 1, m + 1))
     ends = []
     for sign in (1.0, -1.0):
         q = np.zeros(m + 1)

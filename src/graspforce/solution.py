@@ -248,15 +248,15 @@ class Solution:
         friction = float(self.friction_margins.min())
         limits = float((b - A @ c).min(initial=math.inf))
         inside = friction > 0 and limits > 0
-        decrement = reference.decrement(c, problem) if inside else math.inf
+        decrement, error = reference.decrement_and_error(c, problem) if inside else (math.inf, 0.0)
         certificate = self.certificate
         holds = None if certificate is None else certificate.proves_infeasible(problem)
         scale = max(np.abs(problem.f).max(), (np.abs(problem.W) @ np.abs(c)).max())
         balanced = wrench_error <= WRENCH_TOLERANCE * scale
         match self.status:
             case Status.SOLVED:
-                # Rounding in NumPy's dense algebra leaves a decrement of this order behind.
-                ok = inside and balanced and decrement <= self._outcome.decrement + 1e-5
+                certified = (1 + 1e-6) * self._outcome.decrement + error
+                ok = bool(inside and balanced and decrement <= certified)
             case Status.INFEASIBLE:
                 ok = bool(holds)
             case Status.WRENCH_UNREACHABLE:
