@@ -250,12 +250,12 @@ def test_a_missing_package_is_a_row_with_the_pip_line(monkeypatch):
 
     gone = methods.Method("sdp", missing, None)
     row = measure(gone, compare.task("static"), whole=False)
-    assert "pip install 'graspforce[baselines]'" in row.missing
+    assert "pip install 'clarabel>=" in row.missing
     alone = compare.Comparison((compare.task("static"),), (row,))
     console = Console(width=200)
     with console.capture() as printed:
-        console.print(output.table(alone, "static"))
-    line = "needs nothing, which is not installed: pip install 'graspforce[baselines]'\n"
+        console.print(output.TaskTable(alone, "static"))
+    line = "needs nothing, which is not installed: pip install 'clarabel>="
     assert f"sdp: this method {line}" in " ".join(printed.get().split()) + "\n"
     assert alone.of("static", "sdp") is None
     assert math.isfinite(json.loads(alone.to_json())["paper"]["factor"])
@@ -265,7 +265,7 @@ def test_a_name_with_brackets_is_printed_as_it_stands():
     console = Console(width=200)
     task = compare.Task("grasps[bold].json", compare.task("static").problems, None)
     with console.capture() as printed:
-        console.print(output.table(compare.Comparison((task,), ()), task.name))
+        console.print(output.TaskTable(compare.Comparison((task,), ()), task.name))
     assert "grasps[bold].json" in printed.get()
 
 
