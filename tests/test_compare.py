@@ -284,6 +284,22 @@ def test_the_command_prints_and_writes(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
+def test_a_bad_folder_is_refused_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "folder" / "comparison.json").mkdir(parents=True)
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setattr(compare, "compare", lambda *_: pytest.fail("worked first"))
+    for out, words in (
+        ("folder", "comparison.json: got a directory, expected a file to write"),
+        ("file", "expected a folder to write into (File exists)"),
+        ("file/below", "expected a folder to write into (Not a directory)"),
+    ):
+        run = CliRunner().invoke(app, ["compare", "static", "--out", str(tmp_path / out)])
+        assert run.exit_code == 2
+        assert run.stderr.endswith(f"{words}\n")
+        assert run.stderr.count("\n") == 1
+    assert (tmp_path / "file").read_text() == "mine"
+
+
 def test_a_file_of_grasps_is_a_task(tmp_path):
     file = tmp_path / "two.json"
     contact = {"normal": [-1, 0, 0], "point": [0.04, 0, 0], "model": "PCWF", "mu": 0.5}

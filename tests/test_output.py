@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import signal
 import socket
 import stat
@@ -399,10 +400,10 @@ def test_a_read_only_folder_is_refused_before_and_after_the_work(ordinary_user):
     ordinary_user.chmod(0o500)
     for name in ("new.txt", "old.txt"):
         path = ordinary_user / name
-        reason = rf"cannot write it: no file can be made in {ordinary_user} \(Permission denied\)"
-        with pytest.raises(gf.InvalidInputError, match=reason):
+        reason = f"cannot write it: no file can be made in {ordinary_user} (Permission denied)"
+        with pytest.raises(gf.InvalidInputError, match=re.escape(reason)):
             check_writable(path)
-        with pytest.raises(PermissionError, match=reason) as caught:
+        with pytest.raises(PermissionError, match=re.escape(reason)) as caught:
             write(path)
         assert caught.value.filename == str(path)
     with pytest.raises(gf.InvalidInputError, match=r"out: got .* write into \(Permission denied\)"):

@@ -211,6 +211,14 @@ def test_a_file_in_the_way_is_refused_before_any_work(tmp_path, monkeypatch, whe
     assert (tmp_path / "taken").read_text() == "mine"
 
 
+@pytest.mark.parametrize("name", ["results.json", "report.html"])
+def test_a_folder_in_the_place_of_a_file_is_refused_before_any_work(tmp_path, monkeypatch, name):
+    (tmp_path / name).mkdir()
+    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    with pytest.raises(gf.InvalidInputError, match=f"{name}: got a directory, expected a file"):
+        report.reproduce(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("module", "package"), [("matplotlib.figure", "matplotlib"), ("jinja2",) * 2]
 )

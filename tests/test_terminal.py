@@ -295,7 +295,7 @@ def test_results_to_standard_output(tmp_path):
     (tmp_path / "out.json").symlink_to("/dev/stdout")
     log = tmp_path / "log.txt"
     log.write_text("before\n")
-    done = run("solve", SEVERAL, "--out", tmp_path / "out.json", redirect=f">>{log}")
+    done = run("solve", SEVERAL, "--out", tmp_path / "out.json", redirect=f">>'{log}'")
     assert (done.returncode, done.stderr) == (0, "")
     before, results, table = re.split(r"(?s)(\{.*\n\]\}\n)", log.read_text(encoding="utf-8"))
     assert before == "before\n"

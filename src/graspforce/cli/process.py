@@ -23,6 +23,8 @@ def as_command() -> Generator[None]:
             yield
     except BrokenPipeError:  # the reader of our output has had enough
         raise SystemExit(1) from None
+    except KeyboardInterrupt:
+        raise SystemExit(128 + signal.SIGINT) from None
     finally:
         _drop_unwritten_output()
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from graspforce._util.atomic import make_folder, replacing
+from graspforce._util.atomic import check_writable, make_folder, replacing
 from graspforce.compare import Comparison
 from graspforce.compare.draw import draw_forces, draw_times
 from graspforce.compare.measure import Measured
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.console import Console, ConsoleOptions, RenderResult
     from rich.table import Table
+
+NAME = "comparison.json"
 
 HEADINGS = (
     "ran", "cold\n[µs]", "warm\n[µs]", "iterations\ncold, warm", "kflop\na step", "kflop\na solve",
@@ -116,11 +118,12 @@ def prepare(folder: Path) -> None:
     """Make the folder, and find a missing matplotlib, before the work.
 
     Raises:
-        InvalidInputError: it is no folder to write into.
+        InvalidInputError: it is no folder to write into, or holds something else by the name of the
+            comparison.
         MissingExtraError: matplotlib is not installed.
     """
     style.new_figure()
-    make_folder(folder, "out")
+    check_writable(make_folder(folder, "out") / NAME)
 
 
 def write(found: Comparison, folder: Path, about: dict[str, Any]) -> None:
@@ -134,7 +137,7 @@ def write(found: Comparison, folder: Path, about: dict[str, Any]) -> None:
     Raises:
         OSError: a file cannot be written; what it held before is still there.
     """
-    with replacing(folder / "comparison.json") as temporary:
+    with replacing(folder / NAME) as temporary:
         text = found.to_json(about)  # a file name may hold what UTF-8 has no bytes for
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     for stem, picture in pictures(found).items():

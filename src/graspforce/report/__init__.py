@@ -22,7 +22,7 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from graspforce import compare, scenarios
-from graspforce._util.atomic import make_folder, replacing
+from graspforce._util.atomic import check_writable, make_folder, replacing
 from graspforce.compare import output
 from graspforce.figures import FIGURES, PaperFigure, grasp_picture, style
 from graspforce.outcome import Status
@@ -52,7 +52,8 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
         The path of ``report.html``.
 
     Raises:
-        InvalidInputError: ``out`` is no folder to write into.
+        InvalidInputError: ``out`` is no folder to write into, or holds something else by the name
+            of the report or the numbers.
         OSError: a file cannot be written; what it held before is still there.
         MissingExtraError: matplotlib, jinja2, mujoco or imageio is not installed.
     """
@@ -62,6 +63,8 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
     from graspforce.report import physics  # needs MuJoCo, which may be the next to be missing
 
     folder = make_folder(out, "out")
+    for name in ("results.json", "report.html"):
+        check_writable(folder / name)
 
     logs = {name: _run(name, tell) for name in scenarios.NAMES}
     sweep = scenarios.sweep_alpha()
