@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 import graspforce as gf
 from graspforce import cli, sim
+from graspforce._util import atomic
 from graspforce.cli import simulate as simulate_command
 from graspforce.cli import terminal
 from graspforce.sim import motions, render
@@ -78,8 +79,9 @@ def test_an_ending_in_capitals_is_the_same_format(short, tmp_path):
 
 
 @pytest.mark.parametrize("ending", [".npz", ".parquet", ".csv"])
-def test_a_log_goes_into_a_pipe(short, tmp_path, ending):
+def test_a_log_goes_into_a_pipe(short, tmp_path, ending, monkeypatch):
     pytest.importorskip("pyarrow")
+    monkeypatch.setattr(atomic, "_PATIENCE", 600)  # for cat to be started
     _, log = short
     fifo = tmp_path / f"fifo{ending}"
     os.mkfifo(fifo)

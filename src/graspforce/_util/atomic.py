@@ -23,8 +23,8 @@ from tempfile import TemporaryDirectory
 
 from graspforce.errors import InvalidInputError
 
-# How long a pipe may be without a reader. One that was started beside this process may be about to
-# open it; without an end, a pipe that nobody reads would hang the program.
+# How long to wait for a reader of a pipe: one that was started beside this process may be about to
+# open it, and a pipe without any must not block for ever.
 _PATIENCE = 5.0  # [s]
 
 _PREFIX = ".graspforce-"
@@ -175,7 +175,7 @@ def _replace(target: Path, new: Path) -> None:
     with new.open("r+b") as file:
         if target.exists():
             _copy_attributes(target, new)
-        # A crash of the machine after the rename must not find the name there and the bytes not.
+        # Without this a crash of the machine could leave the name with half the content.
         os.fsync(file.fileno())
     os.replace(new, target)
 
@@ -191,7 +191,7 @@ def _copy_attributes(old: Path, new: Path) -> None:
     os.utime(new)  # copystat has also copied the time of the last change
     now = new.stat()
     if (now.st_uid, now.st_gid) != (was.st_uid, was.st_gid):
-        os.chmod(new, stat.S_IMODE(was.st_mode) & 0o777)  # set-user-ID would lend another identity
+        os.chmod(new, stat.S_IMODE(was.st_mode) & 0o777)  # set-user-ID would now run as this user
 
 
 def _copy(source: Path, stream: Path) -> None:
@@ -214,7 +214,7 @@ def _open_stream(path: Path) -> int:
             if error.errno != errno.ENXIO:
                 raise
             if time.monotonic() > end:
-                raise OSError(errno.ENXIO, "nobody reads this pipe") from error
+                raise OSError(errno.ENXIO, "no process reads this pipe") from error
             time.sleep(0.02)
         else:
             os.set_blocking(descriptor, True)

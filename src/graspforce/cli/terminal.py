@@ -70,7 +70,7 @@ def show(*parts: RenderableType, wrap: bool = True) -> None:
         wrap: whether a text is broken between words at the terminal's width.
 
     Raises:
-        OSError: standard output takes nothing more, or never did.
+        OSError: standard output is closed, or cannot take it.
     """
     console = stdout_console()
     try:
