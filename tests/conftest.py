@@ -3,6 +3,7 @@
 import functools
 import inspect
 import os
+import tempfile
 from pathlib import Path
 
 import hypothesis
@@ -78,3 +79,21 @@ def on_both_backends(*, reference, native, **strategies):
         return run
 
     return decorate
+
+
+@pytest.fixture
+def ordinary_user():
+    """A folder of a user without privileges, as whom the test runs, whoever runs the tests."""
+    with tempfile.TemporaryDirectory() as name:
+        if os.geteuid() != 0:
+            yield Path(name)
+            return
+        nobody = 65534
+        os.chown(name, nobody, nobody)
+        os.setresgid(nobody, nobody, 0)
+        os.setresuid(nobody, nobody, 0)
+        try:
+            yield Path(name)
+        finally:
+            os.setresuid(0, 0, 0)
+            os.setresgid(0, 0, 0)

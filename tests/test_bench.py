@@ -73,7 +73,13 @@ def test_a_run_is_kept_and_read_again(run, tmp_path):
     assert run.p50(row.group, "no such thing") is None
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"rows": [{"p50": 1}]}', '{"rows": 3}'])
+ROW = '{"group": "a", "name": "b", "p50": %s, "p99": 1, "p999": 1, "count": 1}'
+OTHERS = ["", "[]", "{}", '{"rows": [{"p50": 1}]}', '{"rows": 3}'] + [
+    f'{{"rows": [{ROW % time}], "machine": {{}}, "date": ""}}' for time in ('"1"', "0", "null")
+]
+
+
+@pytest.mark.parametrize("text", OTHERS)
 def test_another_file_is_refused(tmp_path, text):
     path = tmp_path / "other.json"
     path.write_text(text)

@@ -1,5 +1,6 @@
 """The instruction count: what it runs, how it reads what Valgrind writes; benchmarks' files."""
 
+import argparse
 import subprocess
 import sys
 from pathlib import Path
@@ -45,7 +46,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_work(name, tmp_path
         capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     assert run.returncode == 2
-    assert f"cannot write {nowhere}" in run.stderr
+    assert f"{nowhere}: the directory {nowhere.parent} does not exist" in run.stderr
 
 
 def test_missing_grasps_are_one_line(tmp_path):
@@ -65,6 +66,55 @@ def test_a_path_that_is_only_asked_for_is_left_alone(tmp_path):
     assert saving.writable(str(new)) == new
     assert old.read_text() == "kept"
     assert not new.exists()
+
+
+def test_a_link_that_is_only_asked_for_is_left_alone(tmp_path):
+    (tmp_path / "link.txt").symlink_to("new.txt")
+    assert saving.writable(str(tmp_path / "link.txt")) == tmp_path / "link.txt"
+    assert [path.name for path in tmp_path.iterdir()] == ["link.txt"]
+    (tmp_path / "loop.txt").symlink_to("loop.txt")
+    with pytest.raises(argparse.ArgumentTypeError, match=r"loop\.txt: cannot write it"):
+        saving.writable(str(tmp_path / "loop.txt"))
+
+
+def test_a_table_is_written_as_a_whole_and_printed(tmp_path, capsys, monkeypatch):
+    path = tmp_path / "table.txt"
+    saving.show("one", save=path, width=80)
+    saving.show("two", save=path, width=80, append=True)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert (lines[0], lines.index("two")) == ("one", len(lines) // 2)
+    saving.show("three", save=path, width=80)
+    assert path.read_text(encoding="utf-8").startswith("three\n")
+    assert capsys.readouterr().out.count("cores, Python") == 3
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(OSError, match="No space left"):
+        saving.show("four", save=path, width=80)
+    assert "four" in capsys.readouterr().out
+    assert path.read_text(encoding="utf-8").startswith("three\n")
+
+
+def test_the_campaign_appends_and_tells_what_it_cannot_write(tmp_path):
+    path = tmp_path / "tables.txt"
+    command = [sys.executable, BENCHMARKS / "campaign.py", "--grasps", "10", "--jobs", "1"]
+    path.write_text("before\n")
+    shell = subprocess.run(
+        ["/bin/sh", "-c", 'exec "$@" >&-', "sh", *command, "--save", path],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert shell.returncode == 2
+    assert shell.stderr.endswith("standard output: cannot write to it: Bad file descriptor\n")
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("before\n")
+    assert text.count("cores, Python") == 1
+    refused = subprocess.run(
+        [*command, "--save", tmp_path], capture_output=True, text=True, timeout=120
+    )
+    assert refused.returncode == 2
+    assert f"{tmp_path}: got a directory, expected a file to write" in refused.stderr
 
 
 def test_the_table_of_convergence_has_every_method():

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
+from graspforce._util.atomic import replacing
 from graspforce.contact import ContactModel
 from graspforce.outcome import Status
 from graspforce.scenarios.scenario import Scenario
@@ -81,10 +82,17 @@ class Log:
         """Write a header with units and one row a tick; numbers in full precision.
 
         Args:
-            path: file to write; one that exists is replaced.
+            path: file to write; one that exists is replaced as a whole.
+
+        Raises:
+            InvalidInputError: a directory, a socket or a block device.
+            OSError: the file cannot be written; what it held before is still there.
         """
         columns = self.table()
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
+        with (
+            replacing(path) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as file,
+        ):
             writer = csv.writer(file)
             writer.writerow(columns)
             writer.writerows(zip(*columns.values(), strict=True))
