@@ -45,8 +45,8 @@ from graspforce.settings import Settings
 RUNAWAY = 1e6
 # A slack of this part of the numbers that it is the difference of is nothing but their rounding.
 ROUNDING = 2e-15
-# A direction of the wrench that W, in rows of unit length, reaches by less than this is out of reach
-# to rounding; fainter ones than 1e-10 may be counted either way.
+# A direction of the wrench that W, in rows of unit length, reaches by less than this is out of
+# reach to rounding; fainter ones than 1e-10 may be counted either way.
 RANK_TOLERANCE = 1e-13
 
 # ---- III-A  polyhedral barrier ----------------------------------------------------------------
@@ -268,13 +268,14 @@ def decrement_and_error(c: Array, problem: ForceProblem) -> tuple[float, float]:
             Z = np.linalg.solve(R.T, directions[:rank].T)
         except np.linalg.LinAlgError:
             return math.inf, 0.0
-        basis, _ = np.linalg.qr(Z / np.linalg.norm(Z, axis=0))
+        Z /= np.linalg.norm(Z, axis=0)
+        basis, _ = np.linalg.qr(Z)
         left = along
         for _ in range(2):  # once more for what cancellation leaves
             left = left - basis @ (basis.T @ left)
         length = float(np.linalg.norm(left))
-        condition = strengths[0] / strengths[rank - 1] if rank else 1.0
-        turned = 64 * len(inner) * condition * float(np.linalg.norm(along))
+        condition = float(np.linalg.cond(Z) * strengths[0] / strengths[rank - 1]) if rank else 1.0
+        turned = 16 * len(inner) * condition * float(np.linalg.norm(along))
         moved = 64 * float(np.linalg.norm(np.abs(G) @ np.abs(inner)))
         error = np.finfo(float).eps * (turned + moved)
     return (length, error) if math.isfinite(length) else (math.inf, 0.0)
