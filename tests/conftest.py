@@ -1,4 +1,4 @@
-"""What every test file shares: hypothesis profiles, the two backends, the data of ../shared."""
+"""What every test file shares: hypothesis profiles, the two backends, the grasps of a real hand."""
 
 import functools
 import inspect
@@ -19,6 +19,10 @@ hypothesis.settings.register_profile("explore", max_examples=1000, print_blob=Tr
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 BACKENDS = ("reference", "native")
+
+# A few grasps of a real hand (tests/data/README.md), and where a machine may have the rest of them.
+ALLEGRO = Path(__file__).parent / "data" / "allegro.npz"
+SHARED = Path(__file__).parents[2] / "shared" / "data"
 
 
 @pytest.fixture(params=BACKENDS)
@@ -42,15 +46,6 @@ def default(backend):
 @pytest.fixture
 def rng():
     return np.random.default_rng(20101)
-
-
-@pytest.fixture(scope="session")
-def shared_data():
-    """The data that the repository does not carry; tests that need it skip where it is not."""
-    folder = Path(__file__).parents[1].parent / "shared" / "data"
-    if not folder.is_dir():
-        pytest.skip("../shared/data is not here")
-    return folder
 
 
 def on_both_backends(*, reference, native, **strategies):
