@@ -6,8 +6,7 @@ import argparse
 import datetime
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
+from rich.console import Console, RenderableType
 
 from graspforce.report.machine import describe_machine
 
@@ -25,7 +24,7 @@ def writable(name: str) -> Path:
     return path
 
 
-def show(table: Table, save: Path | None, width: int) -> None:
+def show(table: RenderableType, save: Path | None, width: int) -> None:
     """Print a table with machine and date, and write both to a file."""
     machine = describe_machine()
     about = (
