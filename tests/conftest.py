@@ -1,8 +1,10 @@
 """What every test file shares: hypothesis profiles, the two backends, the grasps of a real hand."""
 
+import contextlib
 import functools
 import inspect
 import os
+import tempfile
 from pathlib import Path
 
 import hypothesis
@@ -19,6 +21,7 @@ hypothesis.settings.register_profile("explore", max_examples=1000, print_blob=Tr
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 BACKENDS = ("reference", "native")
+NOBODY = 65534  # the user of that name
 
 # A few grasps of a real hand (tests/data/README.md), and where a machine may have the rest of them.
 ALLEGRO = Path(__file__).parent / "data" / "allegro.npz"
@@ -46,6 +49,29 @@ def default(backend):
 @pytest.fixture
 def rng():
     return np.random.default_rng(20101)
+
+
+@pytest.fixture
+def sealed_folder():
+    """A folder that no ordinary user can write into, and that every user can reach."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o555)
+        yield folder
+        folder.chmod(0o755)
+
+
+@contextlib.contextmanager
+def as_ordinary_user():
+    """Root, who may write anywhere, is another user meanwhile: import beforehand."""
+    user = os.geteuid()
+    # Where root may not become another user, it may not write everywhere either.
+    with contextlib.suppress(OSError):
+        os.seteuid(NOBODY if user == 0 else user)
+    try:
+        yield
+    finally:
+        os.seteuid(user)
 
 
 def on_both_backends(*, reference, native, **strategies):
