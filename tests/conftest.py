@@ -63,9 +63,9 @@ def sealed_folder():
 
 @contextlib.contextmanager
 def as_ordinary_user():
-    """Root, who may write anywhere, is another user meanwhile: import beforehand."""
+    """Give up root's right to write anywhere; Python's own files may be out of reach, too."""
     user = os.geteuid()
-    # Where root may not become another user, it may not write everywhere either.
+    # A root that may not become another user has no such right.
     with contextlib.suppress(OSError):
         os.seteuid(NOBODY if user == 0 else user)
     try:
