@@ -11,7 +11,7 @@ reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, i
 	$(VENV)/bin/graspforce reproduce --out results
 
 test: $(VENV)/test.installed  ## all tests
-	$(VENV)/bin/python -m pytest
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadfile
 
 lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order, stubs
 	$(VENV)/bin/ruff format --check .

@@ -1,5 +1,6 @@
-"""What every test file shares: hypothesis profiles, the two backends, the data of ../shared."""
+"""What every test file shares: hypothesis profiles, the two backends, the grasps of a real hand."""
 
+import contextlib
 import functools
 import inspect
 import os
@@ -20,6 +21,11 @@ hypothesis.settings.register_profile("explore", max_examples=1000, print_blob=Tr
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 BACKENDS = ("reference", "native")
+NOBODY = 65534  # the user of that name
+
+# A few grasps of a real hand (tests/data/README.md), and where a machine may have the rest of them.
+ALLEGRO = Path(__file__).parent / "data" / "allegro.npz"
+SHARED = Path(__file__).parents[2] / "shared" / "data"
 
 
 @pytest.fixture(params=BACKENDS)
@@ -45,13 +51,41 @@ def rng():
     return np.random.default_rng(20101)
 
 
-@pytest.fixture(scope="session")
-def shared_data():
-    """The data that the repository does not carry; tests that need it skip where it is not."""
-    folder = Path(__file__).parents[1].parent / "shared" / "data"
-    if not folder.is_dir():
-        pytest.skip("../shared/data is not here")
-    return folder
+@pytest.fixture
+def sealed_folder():
+    """A folder that no ordinary user can write into, and that every user can reach."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o555)
+        yield folder
+        folder.chmod(0o755)
+
+
+@contextlib.contextmanager
+def as_ordinary_user():
+    """Give up root's right to write anywhere; Python's own files may be out of reach, too."""
+    if os.geteuid() != 0:
+        yield
+        return
+    # A root that may not become another user has no such right.
+    with contextlib.suppress(OSError):
+        os.setresgid(NOBODY, NOBODY, 0)
+        os.setresuid(NOBODY, NOBODY, 0)
+    try:
+        yield
+    finally:
+        os.setresuid(0, 0, 0)
+        os.setresgid(0, 0, 0)
+
+
+@pytest.fixture
+def ordinary_user():
+    """A folder of a user without privileges, as whom the test runs, whoever runs the tests."""
+    with tempfile.TemporaryDirectory() as name:
+        if os.geteuid() == 0:
+            os.chown(name, NOBODY, NOBODY)
+        with as_ordinary_user():
+            yield Path(name)
 
 
 def on_both_backends(*, reference, native, **strategies):
@@ -79,21 +113,3 @@ def on_both_backends(*, reference, native, **strategies):
         return run
 
     return decorate
-
-
-@pytest.fixture
-def ordinary_user():
-    """A folder of a user without privileges, as whom the test runs, whoever runs the tests."""
-    with tempfile.TemporaryDirectory() as name:
-        if os.geteuid() != 0:
-            yield Path(name)
-            return
-        nobody = 65534
-        os.chown(name, nobody, nobody)
-        os.setresgid(nobody, nobody, 0)
-        os.setresuid(nobody, nobody, 0)
-        try:
-            yield Path(name)
-        finally:
-            os.setresuid(0, 0, 0)
-            os.setresgid(0, 0, 0)

@@ -1,21 +1,25 @@
 """The instruction count: what it runs, how it reads what Valgrind writes; benchmarks' files."""
 
 import argparse
+import dataclasses
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from graspforce import sim
 from graspforce.baselines import METHODS
 from graspforce.compare import NAMES
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+sys.path.insert(0, str(BENCHMARKS))
 import convergence
 import instructions
+import linearised_cones
 import saving
-
-BENCHMARKS = Path(saving.__file__).parent
+import simulation
 
 
 def test_every_method_is_counted_and_the_core_alone():
@@ -38,25 +42,32 @@ def test_totals_of_callgrind_files(tmp_path):
     assert instructions._total(file) == 123456
 
 
-@pytest.mark.parametrize("name", ["instructions", "linearised_cones", "convergence"])
-def test_a_file_that_cannot_be_written_is_refused_before_the_work(name, tmp_path):
+def refusal(benchmark, monkeypatch, capsys, *arguments):
+    """What a benchmark says when it refuses its arguments, which it does before any work."""
+    for name in ("measure", "judge", "scenes"):
+        if hasattr(benchmark, name):
+            monkeypatch.setattr(benchmark, name, lambda *_: pytest.fail("worked before it looked"))
+    monkeypatch.setattr(sys, "argv", [benchmark.__file__, *map(str, arguments)])
+    with pytest.raises(SystemExit) as end:
+        benchmark.main()
+    assert end.value.code == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "benchmark", [instructions, linearised_cones, convergence, simulation], ids=lambda m: m.__name__
+)
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(
+    benchmark, tmp_path, monkeypatch, capsys
+):
     nowhere = tmp_path / "none" / "table.txt"
-    run = subprocess.run(
-        [sys.executable, BENCHMARKS / f"{name}.py", "--save", nowhere],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    assert run.returncode == 2
-    assert f"{nowhere}: the directory {nowhere.parent} does not exist" in run.stderr
+    said = refusal(benchmark, monkeypatch, capsys, "--save", nowhere)
+    assert f"{nowhere}: the directory {nowhere.parent} does not exist" in said
 
 
-def test_missing_grasps_are_one_line(tmp_path):
-    run = subprocess.run(
-        [sys.executable, BENCHMARKS / "linearised_cones.py", "--data", tmp_path / "no.npz"],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    assert run.returncode == 2
-    assert "there are no grasps at" in run.stderr
-    assert "Traceback" not in run.stderr
+def test_missing_grasps_are_one_line(tmp_path, monkeypatch, capsys):
+    said = refusal(linearised_cones, monkeypatch, capsys, "--data", tmp_path / "no.npz")
+    assert "there are no grasps at" in said
 
 
 def test_a_path_that_is_only_asked_for_is_left_alone(tmp_path):
@@ -126,3 +137,19 @@ def test_the_table_of_convergence_has_every_method():
         assert row.objective < 1e-6
         assert len(row.steps) == len(grasps)
     assert len(convergence.table(rows, 2).rows) == len(rows)
+
+
+def test_the_cells_of_simulations():
+    (trial,) = sim.get("hold", duration=0.05)
+    held = sim.run(trial)
+    slid = dataclasses.replace(held, slip=np.full_like(held.slip, 2e-3))
+    dropped = held.ended(10, sim.Ending.DROPPED, "")
+    slip = 1e3 * held.slip.max()
+    cells = [simulation.cell(log) for log in (held, slid, dropped)]
+    assert cells == [f"holds {slip:.2f}", "slips 2.00", "drops"]
+    firmer = dataclasses.replace(held, tau=2 * held.tau)
+    assert simulation.measured([firmer, held])[2:4] == [
+        f"{slip:.2f} mm",
+        f"{200 * held.torque_use:.0f} %",
+    ]
+    assert simulation.measured([held, slid])[0] == "not held"

@@ -2,6 +2,7 @@
 
 import base64
 import html.parser
+import importlib
 import json
 import operator
 import re
@@ -10,10 +11,12 @@ import xml.etree.ElementTree
 
 import numpy as np
 import pytest
+from conftest import as_ordinary_user
 
 import graspforce as gf
 from graspforce import figures, report
 from graspforce.compare import methods
+from graspforce.figures import style
 from graspforce.report import page, timing
 
 report_compared = report.COMPARED
@@ -217,6 +220,16 @@ def test_a_folder_in_the_place_of_a_file_is_refused_before_any_work(tmp_path, mo
     monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
     with pytest.raises(gf.InvalidInputError, match=f"{name}: got a directory, expected a file"):
         report.reproduce(tmp_path)
+
+
+def test_a_read_only_folder_is_refused(sealed_folder, monkeypatch):
+    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    refused = r"expected a folder to write into \(Permission"
+    style.new_figure()  # these import what a report is made with
+    page.template()
+    importlib.import_module("graspforce.report.physics")
+    with pytest.raises(gf.InvalidInputError, match=refused), as_ordinary_user():
+        report.reproduce(sealed_folder)
 
 
 @pytest.mark.parametrize(
