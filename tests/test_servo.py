@@ -243,15 +243,15 @@ def test_arrays_of_a_tick_are_its_own(default):
     servo = gf.Servo(stream.problem, default)
     fields = stream.fields(0)
     first = servo.step(**fields)
-    copy = pickle.loads(pickle.dumps(first))
+    again = pickle.loads(pickle.dumps(first))
     for value in fields.values():
         value[:] = NAN
     second = servo.step(**stream.fields(DT))
     assert second.status is gf.Status.SOLVED
-    assert first == copy
+    assert first == again
     assert first.problem == stream.at(0)
-    assert first.nu.tolist() == copy.nu.tolist()
-    assert np.array_equal(first.c, copy.c)
+    assert first.nu.tolist() == again.nu.tolist()
+    assert np.array_equal(first.c, again.c)
 
 
 def test_solutions_kept_from_many_ticks_stay_apart(backend, default):

@@ -18,12 +18,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeAlias, cast
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_positive, signless
+from graspforce._arrays import (
+    Array,
+    as_array,
+    as_positive,
+    as_tuple,
+    require_instance,
+    signless,
+)
 from graspforce.errors import InvalidInputError
 
 # A normal this close to unit length is taken as meant to be one and is normalised.
@@ -71,6 +78,7 @@ class SFC:
 
 
 ContactModel: TypeAlias = FPC | PCWF | SFC
+_MODELS = "FPC(), PCWF(mu) or SFC(mu, gamma)"
 
 
 def as_models(models: ContactModel | Sequence[ContactModel]) -> tuple[ContactModel, ...]:
@@ -81,19 +89,13 @@ def as_models(models: ContactModel | Sequence[ContactModel]) -> tuple[ContactMod
     """
     if isinstance(models, FPC | PCWF | SFC):
         return (models,)
-    if not isinstance(models, Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InvalidInputError(
-            f"models: got {models!r}, expected FPC(), PCWF(mu), SFC(mu, gamma) or a list of them"
-        )
-    given = cast("tuple[object, ...]", tuple(models))
+    require_instance(models, "models", Sequence, f"{_MODELS} or a list of them")
+    given = tuple(models)
     if not given:
         raise InvalidInputError("models: got no contacts, expected at least one")
     for index, model in enumerate(given):
-        if not isinstance(model, FPC | PCWF | SFC):
-            raise InvalidInputError(
-                f"models[{index}]: got {model!r}, expected FPC(), PCWF(mu) or SFC(mu, gamma)"
-            )
-    return cast("tuple[ContactModel, ...]", given)
+        require_instance(model, f"models[{index}]", ContactModel, _MODELS)
+    return given
 
 
 def as_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
@@ -102,16 +104,10 @@ def as_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
     Raises:
         InvalidInputError: none, or something that is no contact.
     """
-    if not isinstance(contacts, Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InvalidInputError(
-            f"contacts: got a {type(contacts).__name__}, expected a list of Contact"
-        )
-    if not contacts:
+    given = as_tuple(contacts, "contacts", Contact)
+    if not given:
         raise InvalidInputError("contacts: got none, expected at least one")
-    for index, contact in enumerate(contacts):
-        if not isinstance(contact, Contact):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InvalidInputError(f"contacts[{index}]: got {contact!r}, expected a Contact")
-    return tuple(contacts)
+    return given
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -170,10 +166,7 @@ class Contact:
                 f"{unit.tolist()}"
             )
         flat = flat / length
-        if not isinstance(model, FPC | PCWF | SFC):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InvalidInputError(
-                f"model: got {model!r}, expected FPC(), PCWF(mu) or SFC(mu, gamma)"
-            )
+        require_instance(model, "model", ContactModel, _MODELS)
         self._set(as_array(point, "point", (3,)), unit, model, flat)
 
     def _set(self, point: Array, normal: Array, model: ContactModel, tangent: Array) -> None:

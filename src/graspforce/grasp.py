@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array
+from graspforce._arrays import Array, as_array, require_keywords
 from graspforce.contact import Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError
 from graspforce.grasp_map import grasp_map
@@ -44,7 +45,7 @@ class Grasp:
         notes: what a reader of a robot found that its user should know.
 
     Raises:
-        InvalidInputError: no contacts, a hand without q or the reverse, a wrong shape.
+        InvalidInputError: no contacts, a hand without q or the reverse, no hand, a wrong shape.
     """
 
     def __init__(
@@ -166,7 +167,12 @@ class Grasp:
         Args:
             f: wrench that the fingers exert on the object, shape (6,) [N, N·m].
             **options: any further argument of :class:`ForceProblem`: alpha, c_max, tau_bias, …
+
+        Raises:
+            InvalidInputError: as :class:`ForceProblem`; or a name that is no such argument.
         """
+        valid = inspect.signature(ForceProblem).parameters
+        require_keywords(options, list(valid)[3:], "Grasp.problem")  # but W, f, models
         hand: dict[str, Any] = {"J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi}
         hand["tau_bias"] = self.tau_bias
         W, wanted = self.W, as_array(f, "f", (6,))

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
-from typing import Any, SupportsIndex
+from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._arrays import Array, came
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.errors import InvalidInputError
 from graspforce.hands.hand import Reading
@@ -104,11 +104,14 @@ def _object(model: Any, object_body: object) -> int:
         as_link(object_body, "object_body", [name for name in names if name])
         body = names.index(object_body)
     else:
-        body = operator.index(object_body) if isinstance(object_body, SupportsIndex) else -1
+        try:
+            body = operator.index(object_body)  # pyright: ignore[reportArgumentType]
+        except TypeError:
+            body = -1
         if not 0 <= body < model.nbody:
             raise InvalidInputError(
-                f"object_body: got {object_body!r}, expected a body's name or its number, below "
-                f"{model.nbody}"
+                f"object_body: got {came(object_body)}, expected a body's name or its number, "
+                f"below {model.nbody}"
             )
     if not model.body_weldid[body]:
         raise InvalidInputError(

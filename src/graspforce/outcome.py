@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from graspforce._arrays import Array
 
@@ -30,6 +30,7 @@ class Start(enum.IntEnum):
     GIVEN = 3  #: forces that the caller gave
 
 
+@runtime_checkable
 class Outcome(Protocol):
     """The result of one solve, as the native core and the reference both return it."""
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import as_array
+from graspforce._arrays import as_array, as_tuple
 from graspforce.contact import Contact, as_contacts
 from graspforce.errors import InvalidInputError, ModelImportError
 from graspforce.hands.hand import Reading
@@ -46,7 +46,8 @@ def read(
     configuration = as_array(q, "q", (int(model.nq),))
     velocity = np.zeros(model.nv) if v is None else as_array(v, "v", (int(model.nv),))
     contacts = as_contacts(contacts)
-    if isinstance(links, str) or len(links) != len(contacts):
+    links = as_tuple(links, "links", str)
+    if len(links) != len(contacts):
         raise InvalidInputError(
             f"links: got {links!r}, expected {len(contacts)} names, one a contact"
         )

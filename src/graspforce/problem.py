@@ -16,7 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspforce._arrays import Array, as_array, as_positive, require, signless
+from graspforce._arrays import (
+    Array,
+    as_array,
+    as_positive,
+    require,
+    require_keywords,
+    signless,
+)
 from graspforce.contact import FPC, PCWF, SFC, ContactModel, as_models, contact_starts
 from graspforce.errors import InvalidInputError
 
@@ -211,12 +218,9 @@ class ForceProblem:
             InvalidInputError: as the constructor; or a name that is no argument of it.
         """
         arguments = self.arguments()
-        unknown = sorted(set(changes) - set(arguments))
-        if unknown:
-            raise InvalidInputError(
-                f"{unknown[0]}: no argument of ForceProblem; expected one of {', '.join(arguments)}"
-            )
-        return ForceProblem(**(arguments | changes))
+        require_keywords(changes, arguments, "ForceProblem.replace")
+        changed: dict[str, Any] = {**arguments, **changes}
+        return ForceProblem(**changed)
 
     def arguments(self) -> dict[str, Any]:
         """Return the constructor's arguments that make this problem; None where not given."""

@@ -15,7 +15,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from graspforce import _engine
-from graspforce._arrays import Array
+from graspforce._arrays import Array, require_instance
 from graspforce.contact import ContactModel
 from graspforce.errors import InvalidInputError
 from graspforce.outcome import Status
@@ -43,6 +43,9 @@ class Servo:
         problem: the first tick's problem; its shape (contacts, joints, kinds of limits) stays.
         settings: tolerance, limits on steps and time, backend.
 
+    Raises:
+        InvalidInputError: an argument of the wrong kind.
+
     Attributes:
         tick: Solve the next tick from the arrays below as they stand; returns its
             :class:`Status`. Raises InvalidInputError where a number is not finite or out of its
@@ -54,7 +57,9 @@ class Servo:
     tick: Callable[[], Status]
 
     def __init__(self, problem: ForceProblem, settings: Settings | None = None) -> None:
-        self._settings = settings or DEFAULT
+        require_instance(problem, "problem", ForceProblem)
+        self._settings = DEFAULT if settings is None else settings
+        require_instance(self._settings, "settings", Settings)
         self._layout = problem.layout
         self._backend = backend = _engine.make_servo(problem, self._settings, Solution)
         self._fields = self._layout.views(backend.numbers)

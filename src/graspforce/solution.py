@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from graspforce import reference
-from graspforce._arrays import Array, signless
+from graspforce._arrays import Array, require_instance, signless
 from graspforce.certificate import Certificate
 from graspforce.errors import InfeasibleGraspError, NotConvergedError
 from graspforce.outcome import Outcome, PlainOutcome, Start, Status, TickOutcome
@@ -53,6 +53,8 @@ class Solution:
     __slots__ = ("_outcome", "_problem")
 
     def __init__(self, outcome: Outcome, problem: ForceProblem | Layout) -> None:
+        require_instance(outcome, "outcome", Outcome)
+        require_instance(problem, "problem", ForceProblem | Layout, "a ForceProblem")
         self._outcome = outcome
         self._problem = problem
 

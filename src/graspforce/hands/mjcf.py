@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._arrays import Array, came
 from graspforce.errors import InvalidInputError, ModelImportError
 from graspforce.hands.imported import (
     ImportedHand,
@@ -135,7 +135,7 @@ def _load(source: Any) -> Any:
     if isinstance(source, mj.MjModel):
         return source
     if not isinstance(source, str | Path):
-        raise InvalidInputError(f"source: got {source!r}, expected a path or an mujoco.MjModel")
+        raise InvalidInputError(f"source: got {came(source)}, expected a path or an mujoco.MjModel")
     path = Path(source)
     if not path.is_file():
         raise ModelImportError(f"{path}: there is no such file")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._arrays import Array, require_instance
 from graspforce.errors import ModelImportError
 from graspforce.hands.imported import (
     ImportedHand,
@@ -58,6 +58,7 @@ def from_urdf(
             without a torque limit; a joint that mimics one that is not there.
         InvalidInputError: a fingertip or a name in tau_max that is not there.
     """
+    require_instance(path, "path", str | Path, "a path")
     path = Path(path)
     pin = pinocchio_module()
     mimics = _mimics(path)

@@ -16,6 +16,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any
 
+from graspforce._arrays import came, require_keywords
 from graspforce.errors import InvalidInputError
 from graspforce.scenarios.log import Log, run
 from graspforce.scenarios.paper import dynamic, regrasp, static
@@ -46,7 +47,7 @@ NAMES: tuple[str, ...] = tuple(_FACTORIES)
 """The scenarios that :func:`get` knows."""
 
 
-def get(name: str, **overrides: Any) -> Scenario:
+def get(name: object, **overrides: Any) -> Scenario:
     """Return a scenario by name.
 
     Args:
@@ -56,13 +57,8 @@ def get(name: str, **overrides: Any) -> Scenario:
     Raises:
         InvalidInputError: an unknown name or override; the text lists the valid ones.
     """
-    if name not in _FACTORIES:
-        raise InvalidInputError(f"name: got {name!r}, expected one of {', '.join(NAMES)}")
+    if not isinstance(name, str) or name not in _FACTORIES:
+        raise InvalidInputError(f"name: got {came(name)}, expected one of {', '.join(NAMES)}")
     factory = _FACTORIES[name]
-    valid = inspect.signature(factory).parameters
-    for key in overrides:
-        if key not in valid:
-            raise InvalidInputError(
-                f"{key}: not an option of scenario {name!r}; expected one of {', '.join(valid)}"
-            )
+    require_keywords(overrides, inspect.signature(factory).parameters, f"scenario {name!r}")
     return factory(**overrides)
