@@ -1,5 +1,6 @@
 """docs/conventions.md, statement by statement; the number in a test's name is the page's."""
 
+import copy
 import dataclasses
 import inspect
 import math
@@ -333,3 +334,8 @@ def test_25_values(solved):
     problem = solved.problem.replace(f=f)
     f[0] = 9.0
     assert problem.f[0] == 1.0
+    servo = gf.Servo(problem)
+    twin = copy.copy(servo)
+    twin.f[0] = 9.0
+    assert servo.f[0] == 1.0
+    assert twin.step(f=f).start is gf.Start.COLD

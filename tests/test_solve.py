@@ -1,5 +1,6 @@
 """solve and the Solution that it returns: residuals, verdicts, exceptions, values."""
 
+import json
 import math
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -370,6 +371,21 @@ def test_repr_names_the_verdict_and_the_margins(solved, overloaded):
     for word in ("friction_residual=", "torque_residual=", "newton_steps="):
         assert word in repr(solved)
     assert "INFEASIBLE" in repr(overloaded)
+
+
+def test_a_status_prints_as_its_name_and_counts_as_its_number(solved, overloaded, capsys):
+    print(solved.status, overloaded.status, solved.start)
+    assert capsys.readouterr().out == "SOLVED INFEASIBLE COLD\n"
+    for status in gf.Status:
+        assert f"{status}" == str(status) == "%s" % status == status.name  # noqa: UP031
+        assert f"{status:>20}|{status!s:<20}" == f"{status.name:>20}|{status.name:<20}"
+        number = int(status)
+        assert f"{status:d} {status:03d} {status:.1f}" == f"{number:d} {number:03d} {number:.1f}"
+        assert "%d" % status == json.dumps(status) == str(number)  # noqa: UP031
+        assert repr(status) == f"<Status.{status.name}: {number}>"
+        assert pickle.loads(pickle.dumps(status)) is status
+        assert status == number == np.int64(number)
+        assert gf.Status(number) is status
 
 
 def test_the_problem_is_at_hand(planted, default):

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce import _engine
@@ -38,6 +39,9 @@ class Servo:
             tau = servo.J.T @ servo.c
 
     Contacts leave the grasp and come back through ``engagement``; that takes no new memory.
+
+    A copy, by ``copy``, ``deepcopy`` or ``pickle``, has the same settings and arrays of its own
+    with the same numbers. It has had no tick: its first one starts cold.
 
     Args:
         problem: the first tick's problem; its shape (contacts, joints, kinds of limits) stays.
@@ -214,6 +218,13 @@ class Servo:
     def settings(self) -> Settings:
         """The settings given at construction."""
         return self._settings
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle by what makes another: the last problem, the settings, the arrays."""
+        return (type(self), (self.problem, self._settings), np.array(self._backend.numbers))
+
+    def __setstate__(self, numbers: Array) -> None:
+        self._backend.numbers[:] = numbers
 
     def __repr__(self) -> str:
         return f"Servo({self.problem!r}, {self._settings!r})"
