@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +12,7 @@ from graspforce._arrays import Array, as_array, require_keywords
 from graspforce.contact import Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError
 from graspforce.grasp_map import grasp_map
-from graspforce.problem import ForceProblem
+from graspforce.problem import ForceProblem, ProblemOptions
 
 if TYPE_CHECKING:
     from graspforce.hands.hand import Actuation, Hand, Reading
@@ -158,7 +157,7 @@ class Grasp:
         self.tau_bias = actuation.tau_bias
         self.passive_rows, self.passive_loads = actuation.passive_rows, actuation.passive_loads
 
-    def problem(self, f: ArrayLike, **options: Any) -> ForceProblem:
+    def problem(self, f: ArrayLike, **options: Unpack[ProblemOptions]) -> ForceProblem:
         """Return the problem of giving the object the wrench f with this grasp.
 
         With an underactuated hand its W and f have ``passive_rows`` and ``passive_loads``
@@ -171,10 +170,10 @@ class Grasp:
         Raises:
             InvalidInputError: as :class:`ForceProblem`; or a name that is no such argument.
         """
-        valid = inspect.signature(ForceProblem).parameters
-        require_keywords(options, list(valid)[3:], "Grasp.problem")  # but W, f, models
-        hand: dict[str, Any] = {"J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi}
-        hand["tau_bias"] = self.tau_bias
+        require_keywords(options, ProblemOptions.__annotations__, "Grasp.problem")
+        hand: ProblemOptions = {
+            "J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi, "tau_bias": self.tau_bias,
+        }  # fmt: skip
         W, wanted = self.W, as_array(f, "f", (6,))
         if len(self.passive_rows):
             W = np.vstack((W, self.passive_rows))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,6 +72,29 @@ class Layout(NamedTuple):
             views[name] = packed[start : start + size].reshape(shape)
             start += size
         return views
+
+
+class ProblemOptions(TypedDict, total=False):
+    """The optional arguments of :class:`ForceProblem`, as keywords."""
+
+    J: ArrayLike | None
+    tau_lo: ArrayLike | None
+    tau_hi: ArrayLike | None
+    tau_bias: ArrayLike | None
+    c_max: ArrayLike | None
+    c_min: ArrayLike | None
+    engagement: ArrayLike | None
+    A: ArrayLike | None
+    b: ArrayLike | None
+    alpha: float
+
+
+class ProblemArguments(ProblemOptions, total=False):
+    """All arguments of :class:`ForceProblem`, as keywords."""
+
+    W: ArrayLike
+    f: ArrayLike
+    models: ContactModel | Sequence[ContactModel]
 
 
 class ForceProblem:
@@ -211,7 +234,7 @@ class ForceProblem:
         coefficients = zip(layout.dims, self.mu.tolist(), self.gamma.tolist(), strict=True)
         put("models", tuple(_model(*each) for each in coefficients))
 
-    def replace(self, **changes: Any) -> ForceProblem:
+    def replace(self, **changes: Unpack[ProblemArguments]) -> ForceProblem:
         """Return a new problem with some arguments changed, validated like any other.
 
         Raises:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -93,9 +93,7 @@ def solve(
             typer.echo(f"Everything about them is in {out}")
 
 
-def _changed(
-    grasps: list[NamedProblem], changes: dict[str, float], file: Path
-) -> list[NamedProblem]:
+def _changed(grasps: list[NamedProblem], changes: dict[str, Any], file: Path) -> list[NamedProblem]:
     """Return the grasps with the options of the command line in place of the file's."""
     from graspforce.files import NamedProblem
     from graspforce.files.named import place

@@ -14,12 +14,18 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal, Unpack, overload
 
 from graspforce._arrays import came, require_keywords
 from graspforce.errors import InvalidInputError
 from graspforce.scenarios.log import Log, run
-from graspforce.scenarios.paper import dynamic, regrasp, static
+from graspforce.scenarios.paper import (
+    RegraspOptions,
+    ScenarioOptions,
+    dynamic,
+    regrasp,
+    static,
+)
 from graspforce.scenarios.scenario import Cube, Scenario
 from graspforce.scenarios.sweep import AlphaSweep, sweep_alpha
 
@@ -47,6 +53,10 @@ NAMES: tuple[str, ...] = tuple(_FACTORIES)
 """The scenarios that :func:`get` knows."""
 
 
+@overload
+def get(name: Literal["regrasp"], **overrides: Unpack[RegraspOptions]) -> Scenario: ...
+@overload
+def get(name: str, **overrides: Unpack[ScenarioOptions]) -> Scenario: ...
 def get(name: object, **overrides: Any) -> Scenario:
     """Return a scenario by name.
 
