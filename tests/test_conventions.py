@@ -339,3 +339,17 @@ def test_25_values(solved):
     twin.f[0] = 9.0
     assert servo.f[0] == 1.0
     assert twin.step(f=f).start is gf.Start.COLD
+
+
+def test_26_slips():
+    inward, _ = pair(gf.PCWF(0.5))
+    for scale, turn, reason in ((1000, 1, "millimetres"), (1, -1, "normals point INTO the object")):
+        slip = [
+            gf.Contact(scale * each.point, turn * each.normal, each.model)
+            for each in inward.contacts
+        ]
+        with pytest.warns(gf.GraspForceWarning, match=reason):
+            grasp = gf.Grasp(slip)
+        assert grasp.contacts == tuple(slip)
+        with pytest.warns(gf.GraspForceWarning, match=reason):
+            assert np.array_equal(gf.grasp_map(slip), grasp.W)

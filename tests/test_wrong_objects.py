@@ -364,3 +364,12 @@ def test_text_for_robots(robots):
     ):
         with pytest.raises(gf.InvalidInputError, match="^" + re.escape(text)):
             call(**(robots[call] | changed))
+
+
+def test_slips_in_what_pinocchio_gets(robots):
+    *_, from_pinocchio = robots
+    good = robots[from_pinocchio]
+    outward = [gf.Contact(c.point, -c.normal, c.model, c.tangent) for c in good["contacts"]]
+    with pytest.warns(gf.GraspForceWarning, match="INTO") as caught:
+        from_pinocchio(**(good | {"contacts": outward}))
+    assert [each.filename for each in caught] == [__file__]

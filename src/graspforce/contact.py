@@ -31,10 +31,14 @@ from graspforce._arrays import (
     require_instance,
     signless,
 )
-from graspforce.errors import InvalidInputError
+from graspforce.errors import InvalidInputError, warn
 
 # A normal this close to unit length is taken as meant to be one and is normalised.
 UNIT_TOLERANCE = 1e-6
+
+# Contacts further apart [m], or a torsional friction coefficient above this [m]: millimetres?
+LARGEST_SPAN = 5.0
+LARGEST_GAMMA = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +112,41 @@ def as_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
     if not given:
         raise InvalidInputError("contacts: got none, expected at least one")
     return given
+
+
+def warn_of_slips(contacts: Sequence[Contact]) -> None:
+    """Warn, from the line of the user's call, of contacts that look like a slip.
+
+    Millimetres: the contacts spread over more than ``LARGEST_SPAN`` along an axis, or a soft
+    finger's gamma is above ``LARGEST_GAMMA``. Normals out of the object: each points away from
+    the contacts' centre, more than about 6° beyond square to it, and together they do not point
+    one way, as those under the feet of a robot do. Frictionless contacts alone may be cables.
+    """
+    along = list(zip(*(contact.point.tolist() for contact in contacts), strict=True))
+    span = max(max(axis) - min(axis) for axis in along)
+    if span > LARGEST_SPAN:
+        warn(
+            f"contacts: their points are {span:.4g} m apart; if these are millimetres, divide "
+            "them by 1000"
+        )
+    gamma = max(getattr(contact.model, "gamma", 0.0) for contact in contacts)
+    if gamma > LARGEST_GAMMA:
+        warn(f"contacts: gamma is {gamma:.4g} m; if these are millimetres, divide them by 1000")
+    centre = np.array([sum(axis) / len(contacts) for axis in along])
+    if (
+        all(_points_away(contact, centre) for contact in contacts)
+        and np.linalg.norm(np.mean([contact.normal for contact in contacts], axis=0)) <= 0.8
+        and any(not isinstance(contact.model, FPC) for contact in contacts)
+    ):
+        warn(
+            "contacts: every normal points away from the contacts' centre; normals point INTO "
+            "the object, so turn them round unless the fingers grip from inside"
+        )
+
+
+def _points_away(contact: Contact, centre: Array) -> bool:
+    arm = contact.point - centre
+    return bool(contact.normal @ arm > 0.1 * math.hypot(*arm))
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce._arrays import Array, as_array, require_keywords
-from graspforce.contact import Contact, ContactModel, as_contacts
+from graspforce.contact import Contact, ContactModel, as_contacts, warn_of_slips
 from graspforce.errors import InvalidInputError
-from graspforce.grasp_map import grasp_map
+from graspforce.grasp_map import map_about
 from graspforce.problem import ForceProblem, ProblemOptions
 
 if TYPE_CHECKING:
@@ -45,6 +45,10 @@ class Grasp:
 
     Raises:
         InvalidInputError: no contacts, a hand without q or the reverse, no hand, a wrong shape.
+
+    Warns:
+        GraspForceWarning: the contacts look like millimetres, or their normals as if they
+            pointed out of the object.
     """
 
     def __init__(
@@ -57,9 +61,17 @@ class Grasp:
         if (hand is None) != (q is None):
             given, missing = ("q", "hand") if hand is None else ("hand", "q")
             raise InvalidInputError(f"{missing}: missing; {given} came without it")
+        self._place(contacts, origin)
+        warn_of_slips(self.contacts)
+        if hand is not None and q is not None:
+            from graspforce.hands.hand import actuation
+
+            self._take(actuation(hand, self.contacts, q))
+
+    def _place(self, contacts: Sequence[Contact], origin: ArrayLike) -> None:
         self.contacts = as_contacts(contacts)
         self.origin = as_array(origin, "origin", (3,))
-        self.W = grasp_map(self.contacts, self.origin)
+        self.W = map_about(self.origin, self.contacts)
         self.models: tuple[ContactModel, ...] = tuple(each.model for each in self.contacts)
         self.J: Array | None = None
         self.tau_lo: Array | None = None
@@ -70,10 +82,6 @@ class Grasp:
         self.passive_loads: Array = np.zeros(0)
         self.links: tuple[str, ...] = ()
         self.notes: tuple[str, ...] = ()
-        if hand is not None and q is not None:
-            from graspforce.hands.hand import actuation
-
-            self._take(actuation(hand, self.contacts, q))
 
     @classmethod
     def from_mujoco(
@@ -146,7 +154,8 @@ class Grasp:
 
     @classmethod
     def _of(cls, reading: Reading) -> Grasp:
-        grasp = cls(reading.contacts, origin=reading.origin)
+        grasp = cls.__new__(cls)
+        grasp._place(reading.contacts, reading.origin)
         grasp._take(reading.actuation)
         grasp.links, grasp.notes = reading.links, reading.notes
         return grasp

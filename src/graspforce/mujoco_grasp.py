@@ -13,7 +13,7 @@ import numpy as np
 
 from graspforce._arrays import Array, came
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
-from graspforce.errors import InvalidInputError
+from graspforce.errors import InvalidInputError, warn
 from graspforce.hands.hand import Reading
 from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.mujoco_model import (
@@ -30,7 +30,7 @@ from graspforce.hands.mujoco_model import (
     name_of,
     what_moves,
 )
-from graspforce.hands.posture import actuate, full_jacobian, warn
+from graspforce.hands.posture import actuate, full_jacobian
 from graspforce.hands.transmission import connected_dofs
 
 
@@ -86,7 +86,7 @@ def read(
         notes.append(f"not in contact with {name!r}: {', '.join(absent)}")
     if int(model.opt.cone) == int(mj.mjtCone.mjCONE_PYRAMIDAL):
         notes.append("the simulation's friction pyramids lie inside the exact cones of the grasp")
-    warn(doubts, stacklevel=3)
+    warn(*doubts)
     return Reading(
         tuple(contacts),
         tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in bodies),
