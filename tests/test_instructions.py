@@ -13,13 +13,14 @@ from graspforce import sim
 from graspforce.baselines import METHODS
 from graspforce.compare import NAMES
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-sys.path.insert(0, str(BENCHMARKS))
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import convergence
 import instructions
 import linearised_cones
 import saving
 import simulation
+
+BENCHMARKS = Path(simulation.__file__).parent
 
 
 def test_every_method_is_counted_and_the_core_alone():

@@ -4,12 +4,15 @@ An exception says that the caller is wrong or that something is missing: which a
 came, what was expected. What the mathematics finds (a grasp that cannot carry the load, say)
 is never an exception but a :class:`graspforce.Status` on the solution; the two classes under
 :class:`SolveError` exist for callers who ask for it with ``check=True`` or
-``Solution.raise_if_failed()``.
+``Solution.raise_if_failed()``. What is legitimate but looks like a slip is a
+:class:`GraspForceWarning`.
 """
 
 from __future__ import annotations
 
+import inspect
 import re
+import warnings
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -18,6 +21,19 @@ if TYPE_CHECKING:
 
 class GraspForceError(Exception):
     """Base of every exception that graspforce raises on purpose."""
+
+
+class GraspForceWarning(UserWarning):
+    """Something is legitimate but looks like a slip; the text says why. It changes no answer."""
+
+
+def warn(*texts: str) -> None:
+    """Warn of each text from the line of the user's code that called graspforce."""
+    level, frame = 1, inspect.currentframe()
+    while frame is not None and frame.f_globals.get("__name__", "").split(".")[0] == __package__:
+        level, frame = level + 1, frame.f_back
+    for text in texts:
+        warnings.warn(text, GraspForceWarning, stacklevel=level)
 
 
 class InvalidInputError(GraspForceError, ValueError):

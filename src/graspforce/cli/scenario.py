@@ -43,7 +43,7 @@ def scenario(
     """
     from graspforce import files, scenarios
 
-    chosen = scenarios.get(name, **({} if alpha is None else {"alpha": alpha}))
+    chosen = scenarios.get(name) if alpha is None else scenarios.get(name, alpha=alpha)
     path = out or Path(f"{name}.csv")
     files.check_output(path, (".csv",))
     if out is None and os.path.lexists(path):

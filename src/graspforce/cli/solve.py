@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -87,9 +87,7 @@ def solve(
             tell(f"Everything about them is in {out}")
 
 
-def _changed(
-    grasps: list[NamedProblem], changes: dict[str, float], file: Path
-) -> list[NamedProblem]:
+def _changed(grasps: list[NamedProblem], changes: dict[str, Any], file: Path) -> list[NamedProblem]:
     """Return the grasps with the options of the command line in place of the file's."""
     from graspforce.files import NamedProblem
     from graspforce.files.named import place

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._arrays import Array, came, require_instance
 from graspforce._util.atomic import replacing
 from graspforce.contact import ContactModel
+from graspforce.errors import InvalidInputError
 from graspforce.outcome import Status
 from graspforce.scenarios.scenario import Scenario
 from graspforce.servo import Servo
@@ -122,7 +123,13 @@ def run(
 
     Returns:
         The log. A tick that was not SOLVED is in it with its status.
+
+    Raises:
+        InvalidInputError: an argument of the wrong kind.
     """
+    require_instance(scenario, "scenario", Scenario)
+    if not (progress is None or callable(progress)):
+        raise InvalidInputError(f"progress: got {came(progress)}, expected a function of an index")
     servo: Servo | None = None
     solutions: list[Solution] = []
     for k, problem in enumerate(scenario.problems()):
