@@ -474,3 +474,19 @@ def test_every_extra_that_is_named_has_packages():
     assert named >= {"figures", "baselines", "sim", "pinocchio"}
     for extra in named | {"mujoco", "solvers"}:
         assert errors._packages(extra)
+
+
+def test_a_slip_in_a_file_is_one_line_of_warning(tmp_path):
+    """Points in millimetres: the grasp is solved as given, and the reason is said once."""
+    contacts = [
+        {"point": [40 * s, 0, 0], "normal": [-s, 0, 0], "model": "PCWF", "mu": 0.5} for s in (-1, 1)
+    ]
+    path = tmp_path / "mm.json"
+    path.write_text(json.dumps({"contacts": contacts, "f": [0, 0, 1, 0, 0, 0], "c_max": 20}))
+    run = subprocess.run(
+        [sys.executable, "-m", "graspforce", "solve", path], capture_output=True, text=True
+    )
+    assert run.returncode == 0
+    (line,) = run.stderr.splitlines()
+    assert line.startswith("graspforce: warning: ")
+    assert "millimetres" in line

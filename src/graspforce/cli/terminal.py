@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import unicodedata
+import warnings
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, suppress
@@ -19,7 +20,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.segment import Segment
 
-from graspforce.errors import GraspForceError
+from graspforce.errors import GraspForceError, GraspForceWarning
 from graspforce.outcome import Status
 
 
@@ -113,9 +114,22 @@ def reporting(report: Callable[[], None]) -> Generator[Callable[[str], None]]:
 
 @contextmanager
 def one_line_errors() -> Generator[None]:
-    """Turn what the caller can put right into one line on stderr and exit code 2."""
+    """Turn what the caller can put right into one line on stderr and exit code 2.
+
+    A warning of a slip is one line, too, and changes no exit code.
+    """
     try:
-        yield
+        with warnings.catch_warnings():
+            show_others = warnings.showwarning
+
+            def show_warning(message: Warning | str, category: type[Warning], *place: Any) -> None:
+                if issubclass(category, GraspForceWarning):
+                    _tell(f"warning: {message}")
+                else:
+                    show_others(message, category, *place)
+
+            warnings.showwarning = show_warning
+            yield
     except GraspForceError as error:
         _fail(str(error), error)
     except OSError as error:
@@ -132,9 +146,13 @@ def one_line_errors() -> Generator[None]:
         raise
 
 
-def _fail(text: str, error: Exception) -> NoReturn:
+def _tell(text: str) -> None:
     with suppress(OSError):  # stderr may be full, too
         typer.echo(f"graspforce: {printable(text)}", err=True)
+
+
+def _fail(text: str, error: Exception) -> NoReturn:
+    _tell(text)
     raise SystemExit(2) from error
 
 
