@@ -10,8 +10,10 @@ from pathlib import Path
 import hypothesis
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 import graspforce as gf
+from graspforce import _engine
 
 # The same examples on every machine and in every run; HYPOTHESIS_PROFILE=explore draws new ones.
 # No profile judges by time.
@@ -20,12 +22,27 @@ hypothesis.settings.register_profile("ci", derandomize=True, database=None, **PA
 hypothesis.settings.register_profile("explore", max_examples=1000, print_blob=True, **PATIENT)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
+# What a shell may say to the commands under test. They print UTF-8, without colours and as wide as
+# a pipe is; tests of something else say so.
+os.environ["PYTHONIOENCODING"] = "utf-8"
+for variable in ("COLUMNS", "LINES", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+    os.environ.pop(variable, None)
+
 BACKENDS = ("reference", "native")
 NOBODY = 65534  # the user of that name
 
 # A few grasps of a real hand (tests/data/README.md), and where a machine may have the rest of them.
 ALLEGRO = Path(__file__).parent / "data" / "allegro.npz"
 SHARED = Path(__file__).parents[2] / "shared" / "data"
+
+
+def pytest_report_header():
+    """What the numbers are computed by: the first question about a failure elsewhere."""
+    core = _engine.module.__name__.removeprefix("graspforce._core").strip("_") or "baseline"
+    simd = np.show_config(mode="dicts")["SIMD Extensions"]
+    kernels = {found["architecture"] for found in threadpool_info() if "architecture" in found}
+    numpy = " ".join([*simd["baseline"], *simd.get("found", [])][-1:])
+    return f"processor: core {core}, OpenBLAS {' '.join(sorted(kernels))}, NumPy {numpy}"
 
 
 @pytest.fixture(params=BACKENDS)

@@ -143,8 +143,12 @@ def test_another_version_is_not_found(prefix, tmp_path):
 
 
 def test_the_page_shows_the_files_that_run():
-    page = (ROOT / "docs" / "cpp.md").read_text()
-    sources = [path.read_text() for path in EXAMPLE.iterdir() if path.suffix in (".cpp", ".txt")]
+    page = (ROOT / "docs" / "cpp.md").read_text(encoding="utf-8")
+    sources = [
+        path.read_text(encoding="utf-8")
+        for path in EXAMPLE.iterdir()
+        if path.suffix in (".cpp", ".txt")
+    ]
     snippets = re.findall(r"^```(?:cpp|cmake)\n(.*?)^```", page, re.S | re.M)
     assert len(snippets) >= 3
     for snippet in snippets:
