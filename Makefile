@@ -4,14 +4,20 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: reproduce test lint bench campaign fuzz soak portable clean
+.PHONY: reproduce test matrix matrix-short lint bench campaign fuzz soak portable clean
 CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp')
 
 reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
-	$(VENV)/bin/graspforce reproduce --out results
+	$(VENV)/bin/python -m graspforce reproduce --out results
 
 test: $(VENV)/test.installed  ## all tests
-	$(VENV)/bin/python -m pytest
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadfile
+
+matrix: $(VENV)/dev.installed  ## the tests under other processors, versions and habits, about an hour
+	$(VENV)/bin/python tests/matrix.py
+
+matrix-short: $(VENV)/test.installed  ## the numeric tests as three older processors compute them
+	$(VENV)/bin/python tests/matrix.py --short
 
 lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order, stubs
 	$(VENV)/bin/ruff format --check .
@@ -23,7 +29,7 @@ lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order,
 	diff src/graspforce/_core.pyi build/_core.pyi
 
 bench: $(VENV)/test.installed  ## time this machine
-	$(VENV)/bin/graspforce bench
+	$(VENV)/bin/python -m graspforce bench
 
 campaign: $(VENV)/test.installed  ## a million random grasps against another solver, some 30 minutes
 	rm -f build/campaign.txt && mkdir -p build

@@ -15,12 +15,10 @@ a known margin, with random weights alpha and in random units of force. A verdic
 from __future__ import annotations
 
 import argparse
-import datetime
 import multiprocessing
 import sys
 import warnings
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import clarabel
@@ -28,10 +26,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
+from saving import show, writable
 from scipy import sparse
 
 import graspforce as gf
-from graspforce.report.machine import describe_machine
+from graspforce.cli.process import as_command
 
 CASES = 10  # of a geometry
 
@@ -225,7 +224,7 @@ def load_interval(problem: gf.ForceProblem, f1: np.ndarray) -> tuple[float, floa
     still = np.eye(m)[out]
     A = np.vstack((problem.W, still, rows, *lifted))
     s_column = np.concatenate((-f1, np.zeros(len(A) - len(f1))))
-    A = sparse.csc_matrix(np.column_stack((A, s_column)))
+    A = sparse.csc_array(np.column_stack((A, s_column)))
     b = np.concatenate(
         (
             problem.f,
@@ -243,7 +242,7 @@ def load_interval(problem: gf.ForceProblem, f1: np.ndarray) -> tuple[float, floa
     settings.verbose = False
     settings.max_threads = 1
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-9
-    nothing = sparse.csc_matrix((m + 1, m + 1))
+    nothing = sparse.csc_array((m + 1, m + 1))
     ends = []
     for sign in (1.0, -1.0):
         q = np.zeros(m + 1)
@@ -378,7 +377,7 @@ def main() -> int:
     parser.add_argument("--hard", action="store_true", help="alpha 1e-4…1e6, frictions .01…5, …")
     parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
     parser.add_argument("--replay", metavar="GEOMETRY.CASE", help="solve one case and show it")
-    parser.add_argument("--save", type=Path, help="append the table to this file")
+    parser.add_argument("--save", type=writable, help="append the table to this file")
     options = parser.parse_args()
     if options.replay is not None:
         index, k = map(int, options.replay.split("."))
@@ -395,22 +394,17 @@ def main() -> int:
     margin = "1e-3…1" if options.margin is None else f"{options.margin:g}"
     ends = "hard ends" if options.hard else "alpha 1e-2…1e3"
     title = f"seed {options.seed}, {ends}, margin {margin}"
-    for console in (Console(), options.save and Console(file=options.save.open("a"), width=110)):
-        if console:
-            console.print(table(verdicts, left_out, title))
-            for verdict in verdicts:
-                if verdict.wrong or not verdict.decided:
-                    console.print(
-                        f"{verdict.name}: {verdict.status.name}, expected {verdict.expected.name},"
-                        f" {'confirmed' if verdict.confirmed else 'not confirmed'}"
-                    )
-            machine = describe_machine()
-            console.print(
-                f"{machine['cpu']}, {machine['cores']} cores, Python {machine['python']}, "
-                f"{datetime.date.today()}"
-            )
+    doubtful = [
+        f"{verdict.name}: {verdict.status.name}, expected {verdict.expected.name},"
+        f" {'confirmed' if verdict.confirmed else 'not confirmed'}"
+        for verdict in verdicts
+        if verdict.wrong or not verdict.decided
+    ]
+    found = table(verdicts, left_out, title)
+    show(found, *doubtful, save=options.save, width=110, append=True)
     return int(any(verdict.wrong for verdict in verdicts))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with as_command():
+        sys.exit(main())

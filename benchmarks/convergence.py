@@ -37,6 +37,7 @@ from graspforce.baselines import (
     socp,
     wbf_conic,
 )  # fmt: skip
+from graspforce.cli.process import as_command
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from baseline_oracles import (
@@ -220,9 +221,10 @@ def main() -> int:
         for method in methods():
             status.update(method.name)
             rows.append(judge(method, grasps))
-    show(table(rows, options.grasps), options.save, width=100)
+    show(table(rows, options.grasps), save=options.save, width=100)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with as_command():
+        sys.exit(main())

@@ -25,6 +25,7 @@ from rich.table import Table
 from saving import show, writable
 
 from graspforce import _engine, scenarios
+from graspforce.cli.process import as_command
 from graspforce.compare import methods
 
 FIRST = 2  # ticks that warm up, in a stream and otherwise
@@ -135,9 +136,10 @@ def main() -> int:
     console = Console()
     with console.status("counting") as status:
         found = measure(lambda name: status.update(f"counted {name}"))
-    show(table(found), options.save, width=90)
+    show(table(found), save=options.save, width=90)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with as_command():
+        sys.exit(main())

@@ -20,6 +20,7 @@ from saving import show, writable
 
 import graspforce as gf
 from graspforce.baselines import qp, socp
+from graspforce.cli.process import as_command
 
 DATA = Path(__file__).parents[1].parent / "shared" / "data" / "allegro_ycb.npz"
 DIRECTIONS = np.vstack((np.eye(3), -np.eye(3)))
@@ -99,9 +100,10 @@ def main() -> int:
     if not options.data.is_file():
         parser.error(f"there are no grasps at {options.data}; --data says where else")
     problems = list(grasps(options.data))
-    show(table(judge(problems), len(problems)), options.save, width=110)
+    show(table(judge(problems), len(problems)), save=options.save, width=110)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    with as_command():
+        sys.exit(main())

@@ -6,33 +6,40 @@ import argparse
 import datetime
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
+from rich.console import Console, RenderableType
 
+from graspforce._util.atomic import check_writable, replacing
+from graspforce.cli import terminal
+from graspforce.errors import InvalidInputError
 from graspforce.report.machine import describe_machine
 
 
 def writable(name: str) -> Path:
     """Return the path of a file to write, found to be one before minutes of work; for argparse."""
-    path = Path(name)
-    there = path.exists()
     try:
-        path.open("a").close()
-    except OSError as error:
-        raise argparse.ArgumentTypeError(f"cannot write {name}: {error.strerror}") from error
-    if not there:
-        path.unlink()
-    return path
+        check_writable(name)
+    except InvalidInputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return Path(name)
 
 
-def show(table: Table, save: Path | None, width: int) -> None:
-    """Print a table with machine and date, and write both to a file."""
+def show(*parts: RenderableType, save: Path | None, width: int, append: bool = False) -> None:
+    """Write tables and lines, then machine and date, to a file, and print them.
+
+    Args:
+        parts: what to write, one below the other.
+        save: the file, if any.
+        width: of a line in the file.
+        append: whether what the file holds stays, above.
+    """
     machine = describe_machine()
     about = (
         f"{machine['cpu']}, {machine['cores']} cores, Python {machine['python']}, "
         f"{datetime.date.today()}"
     )
-    Console().print(table, about)
-    if save is not None:
-        with save.open("w", encoding="utf-8") as file:
-            Console(file=file, width=width).print(table, about)
+    with terminal.reporting(lambda: terminal.show(*parts, about)):
+        if save is not None:
+            before = save.read_text(encoding="utf-8") if append and save.is_file() else ""
+            with replacing(save) as temporary, temporary.open("w", encoding="utf-8") as file:
+                file.write(before)
+                Console(file=file, width=width).print(*parts, about, sep="\n")

@@ -105,7 +105,7 @@ def socp(problem, objective, facets=None, inner=True):
     for tol in (1e-10, 1e-9, 1e-8):  # a degenerate linear program ends a digit or two earlier
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tol
         found = clarabel.DefaultSolver(
-            sparse.csc_matrix(P), q, sparse.csc_matrix(rows), bounds, kinds, settings
+            sparse.csc_array(P), q, sparse.csc_array(rows), bounds, kinds, settings
         ).solve()
         if str(found.status) == "Solved":
             break

@@ -34,8 +34,8 @@ def socp(q, equalities, inequalities, cones):
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
     settings.max_threads = 1
-    nothing = sparse.csc_matrix((len(q), len(q)))
-    answer = clarabel.DefaultSolver(nothing, q, sparse.csc_matrix(A), b, kinds, settings).solve()
+    nothing = sparse.csc_array((len(q), len(q)))
+    answer = clarabel.DefaultSolver(nothing, q, sparse.csc_array(A), b, kinds, settings).solve()
     return str(answer.status), answer.obj_val, np.array(answer.x)
 
 

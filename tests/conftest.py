@@ -1,15 +1,19 @@
-"""What every test file shares: hypothesis profiles, the two backends, the data of ../shared."""
+"""What every test file shares: hypothesis profiles, the two backends, the grasps of a real hand."""
 
+import contextlib
 import functools
 import inspect
 import os
+import tempfile
 from pathlib import Path
 
 import hypothesis
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 import graspforce as gf
+from graspforce import _engine
 
 # The same examples on every machine and in every run; HYPOTHESIS_PROFILE=explore draws new ones.
 # No profile judges by time.
@@ -18,7 +22,27 @@ hypothesis.settings.register_profile("ci", derandomize=True, database=None, **PA
 hypothesis.settings.register_profile("explore", max_examples=1000, print_blob=True, **PATIENT)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
+# What a shell may say to the commands under test. They print UTF-8, without colours and as wide as
+# a pipe is; tests of something else say so.
+os.environ["PYTHONIOENCODING"] = "utf-8"
+for variable in ("COLUMNS", "LINES", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+    os.environ.pop(variable, None)
+
 BACKENDS = ("reference", "native")
+NOBODY = 65534  # the user of that name
+
+# A few grasps of a real hand (tests/data/README.md), and where a machine may have the rest of them.
+ALLEGRO = Path(__file__).parent / "data" / "allegro.npz"
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+
+
+def pytest_report_header():
+    """What the numbers are computed by: the first question about a failure elsewhere."""
+    core = _engine.module.__name__.removeprefix("graspforce._core").strip("_") or "baseline"
+    simd = np.show_config(mode="dicts")["SIMD Extensions"]
+    kernels = {found["architecture"] for found in threadpool_info() if "architecture" in found}
+    numpy = " ".join([*simd["baseline"], *simd.get("found", [])][-1:])
+    return f"processor: core {core}, OpenBLAS {' '.join(sorted(kernels))}, NumPy {numpy}"
 
 
 @pytest.fixture(params=BACKENDS)
@@ -44,13 +68,41 @@ def rng():
     return np.random.default_rng(20101)
 
 
-@pytest.fixture(scope="session")
-def shared_data():
-    """The data that the repository does not carry; tests that need it skip where it is not."""
-    folder = Path(__file__).parents[1].parent / "shared" / "data"
-    if not folder.is_dir():
-        pytest.skip("../shared/data is not here")
-    return folder
+@pytest.fixture
+def sealed_folder():
+    """A folder that no ordinary user can write into, and that every user can reach."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        folder.chmod(0o555)
+        yield folder
+        folder.chmod(0o755)
+
+
+@contextlib.contextmanager
+def as_ordinary_user():
+    """Give up root's right to write anywhere; Python's own files may be out of reach, too."""
+    if os.geteuid() != 0:
+        yield
+        return
+    # A root that may not become another user has no such right.
+    with contextlib.suppress(OSError):
+        os.setresgid(NOBODY, NOBODY, 0)
+        os.setresuid(NOBODY, NOBODY, 0)
+    try:
+        yield
+    finally:
+        os.setresuid(0, 0, 0)
+        os.setresgid(0, 0, 0)
+
+
+@pytest.fixture
+def ordinary_user():
+    """A folder of a user without privileges, as whom the test runs, whoever runs the tests."""
+    with tempfile.TemporaryDirectory() as name:
+        if os.geteuid() == 0:
+            os.chown(name, NOBODY, NOBODY)
+        with as_ordinary_user():
+            yield Path(name)
 
 
 def on_both_backends(*, reference, native, **strategies):

@@ -40,6 +40,14 @@ def random_contacts(rng, models, radius=0.04):
     ]
 
 
+def nose_cone(n):
+    """Points and inward normals, shape (n, 3), on the paraboloid z = x² + y² of Lobo et al."""
+    angles = 2 * np.pi * np.arange(1, n + 1) / n
+    x, y = 0.3 + np.cos(angles), np.sin(angles)
+    points = np.column_stack((x, y, x**2 + y**2))
+    return points, unit(np.column_stack((-2 * x, -2 * y, np.ones(n))))
+
+
 def unit(vectors):
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 

@@ -8,8 +8,10 @@ import graspforce as gf
 
 
 def contacts_at(points, rng, models):
-    """Contacts at the points, with normals and rolls drawn at random."""
+    """Contacts at the points, with rolls and normals, into what is between them, at random."""
     normals = rng.standard_normal((len(points), 3))
+    outward = np.einsum("ij,ij->i", normals, points - np.mean(points, axis=0)) > 0
+    normals[outward] *= -1
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     return [
         gf.Contact(point, normal, model, tangent=rng.standard_normal(3))

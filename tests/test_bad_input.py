@@ -117,7 +117,6 @@ def test_not_finite_scalars(value):
         ([[1, 2], [3]], "not a regular array"),
         ([10**400] * 6, "type object"),
     ],
-    ids=str,
 )
 @pytest.mark.parametrize("name", ARRAYS)
 def test_no_numbers(name, junk, came):
@@ -126,7 +125,7 @@ def test_no_numbers(name, junk, came):
 
 @pytest.mark.parametrize("name", ["W", "f"])
 def test_required_arrays(name):
-    refused(rf"^{name}: got type object, expected", **{name: None})
+    refused(rf"^{name}: got None, expected real numbers", **{name: None})
 
 
 # ---- signs and ranges --------------------------------------------------------------------------
@@ -149,7 +148,7 @@ def test_alpha_must_be_positive(value):
 
 @pytest.mark.parametrize("value", ["5", None, [5.0], True])
 def test_alpha_must_be_one_number(value):
-    refused(r"^alpha: got (type|shape)", alpha=value)
+    refused(r"^alpha: got (type|shape|None)", alpha=value)
 
 
 @pytest.mark.parametrize("value", [0, -2])

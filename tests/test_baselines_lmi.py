@@ -16,6 +16,7 @@ import graspforce as gf
 from graspforce import scenarios
 from graspforce.baselines import dikin, gradient_flow, sdp
 from graspforce.baselines._active import Active
+from graspforce.baselines._descent import descend
 from graspforce.baselines._lmi import Lmi, friction_matrices, line_search
 
 BARRIER = 0.1
@@ -65,6 +66,22 @@ def test_line_search_finds_the_root_of_the_derivative(rng):
         assert slope - 0.1 * (spectrum / (1 + t * spectrum)).sum() == pytest.approx(0, abs=1e-7)
 
 
+@pytest.mark.parametrize("size", [0.0, 1e-200])
+def test_line_search_along_a_direction_that_goes_nowhere(size):
+    """What the gradient is at an optimum to the last bit; its squares are zero as well."""
+    assert np.isfinite(line_search(np.full(12, size), 0.0, 0.1))
+
+
+def test_a_zero_direction_is_no_step():
+    problem = paper_grasps()[0]
+    solution = descend(
+        problem, lambda _: lambda _, gradient: 0 * gradient, barrier=BARRIER, tol=1e-9,
+        max_steps=5, start=gf.solve(problem).c, judge_every=20,
+    )  # fmt: skip
+    assert solution.status is gf.Status.MAX_STEPS
+    assert solution.c == pytest.approx(gf.solve(problem).c)
+
+
 # ---- the methods -------------------------------------------------------------------------------
 
 
@@ -79,6 +96,16 @@ def test_sdp_without_barrier_is_the_socp(objective, rng):
         assert found == pytest.approx(value, abs=1e-6)
         assert solution.friction_margins.min() > -1e-7
         assert solution.wrench_error < 1e-9
+
+
+@pytest.mark.parametrize("objective", ["normals", "norm"])
+def test_the_sdp_has_an_answer_where_clarabel_is_in_difficulties(objective, rng):
+    """Its decomposition of the blocks panics on three of these, its progress ends on the others."""
+    problems = list(random_problems(rng, 264))
+    for i in (18, 141, 161, 162, 209, 250, 252, 263):
+        solution = sdp.solve(problems[i], barrier=0, objective=objective)
+        assert solution.status is gf.Status.SOLVED
+        assert solution.verify().limit_margin > -1e-7
 
 
 def test_the_three_methods_find_the_least_of_effort_and_barrier(rng):

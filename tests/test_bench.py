@@ -73,7 +73,13 @@ def test_a_run_is_kept_and_read_again(run, tmp_path):
     assert run.p50(row.group, "no such thing") is None
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"rows": [{"p50": 1}]}', '{"rows": 3}'])
+ROW = '{"group": "a", "name": "b", "p50": %s, "p99": 1, "p999": 1, "count": 1}'
+OTHERS = ["", "[]", "{}", '{"rows": [{"p50": 1}]}', '{"rows": 3}'] + [
+    f'{{"rows": [{ROW % time}], "machine": {{}}, "date": ""}}' for time in ('"1"', "0", "null")
+]
+
+
+@pytest.mark.parametrize("text", OTHERS)
 def test_another_file_is_refused(tmp_path, text):
     path = tmp_path / "other.json"
     path.write_text(text)
@@ -89,23 +95,31 @@ def test_the_picture_is_drawn(run, tmp_path):
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_command_compares_with_a_run_before(tmp_path):
+def test_the_command_compares_with_a_run_before(run, tmp_path):
     before, after = tmp_path / "before.json", tmp_path / "after.json"
-    command = [sys.executable, "-m", "graspforce", "bench", "--effort", "1"]
-    first = subprocess.run([*command, "--save", str(before)], capture_output=True, text=True)
-    assert first.returncode == 0, first.stderr
+    run.save(before)
     kept = json.loads(before.read_text())
     for row in kept["rows"]:
         row["p50"] *= 1e6
     before.write_text(json.dumps(kept))
-    second = subprocess.run(
-        [*command, "--compare", str(before), "--save", str(after)], capture_output=True, text=True
-    )
-    assert second.returncode == 0, second.stderr
-    line = next(line for line in second.stdout.splitlines() if "servo.step" in line)
+    done = bench_command("--compare", before, "--save", after)
+    assert done.returncode == 0, done.stderr
+    line = next(line for line in done.stdout.splitlines() if "servo.step" in line)
     assert line.split()[-1] == "0.00"
-    missing = subprocess.run(
-        [*command, "--compare", str(tmp_path / "none.json")], capture_output=True, text=True
-    )
-    assert missing.returncode == 2
-    assert "none.json" in missing.stderr
+    again = bench.Run.load(after)
+    assert {(row.group, row.name) for row in again.rows} > {
+        (row.group, row.name) for row in run.rows
+    }
+
+
+def test_a_run_before_that_is_missing_is_named():
+    done = bench_command("--compare", "none.json")
+    assert done.returncode == 2
+    assert "none.json" in done.stderr
+
+
+def bench_command(*arguments):
+    return subprocess.run(
+        [sys.executable, "-m", "graspforce", "bench", "--effort", "1", *map(str, arguments)],
+        capture_output=True, text=True,
+    )  # fmt: skip

@@ -250,12 +250,12 @@ def test_a_missing_package_is_a_row_with_the_pip_line(monkeypatch):
 
     gone = methods.Method("sdp", missing, None)
     row = measure(gone, compare.task("static"), whole=False)
-    assert "pip install 'graspforce[baselines]'" in row.missing
+    assert "pip install 'clarabel>=" in row.missing
     alone = compare.Comparison((compare.task("static"),), (row,))
     console = Console(width=200)
     with console.capture() as printed:
-        console.print(output.table(alone, "static"))
-    line = "needs nothing, which is not installed: pip install 'graspforce[baselines]'\n"
+        console.print(output.TaskTable(alone, "static"))
+    line = "needs nothing, which is not installed: pip install 'clarabel>="
     assert f"sdp: this method {line}" in " ".join(printed.get().split()) + "\n"
     assert alone.of("static", "sdp") is None
     assert math.isfinite(json.loads(alone.to_json())["paper"]["factor"])
@@ -265,7 +265,7 @@ def test_a_name_with_brackets_is_printed_as_it_stands():
     console = Console(width=200)
     task = compare.Task("grasps[bold].json", compare.task("static").problems, None)
     with console.capture() as printed:
-        console.print(output.table(compare.Comparison((task,), ()), task.name))
+        console.print(output.TaskTable(compare.Comparison((task,), ()), task.name))
     assert "grasps[bold].json" in printed.get()
 
 
@@ -282,6 +282,22 @@ def test_the_command_prints_and_writes(tmp_path):
     assert {"clarabel", "highspy", "scipy"} <= set(document["machine"]["solvers"])
     names = {"comparison.json", "times_static.png", "forces_static.png"}
     assert {path.name for path in tmp_path.iterdir()} == names
+
+
+def test_a_bad_folder_is_refused_before_the_work(tmp_path, monkeypatch):
+    (tmp_path / "folder" / "comparison.json").mkdir(parents=True)
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setattr(compare, "compare", lambda *_: pytest.fail("worked first"))
+    for out, words in (
+        ("folder", "comparison.json: got a directory, expected a file to write"),
+        ("file", "expected a folder to write into (File exists)"),
+        ("file/below", "expected a folder to write into (Not a directory)"),
+    ):
+        run = CliRunner().invoke(app, ["compare", "static", "--out", str(tmp_path / out)])
+        assert run.exit_code == 2
+        assert run.stderr.endswith(f"{words}\n")
+        assert run.stderr.count("\n") == 1
+    assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_a_file_of_grasps_is_a_task(tmp_path):

@@ -1,5 +1,6 @@
 """docs/conventions.md, statement by statement; the number in a test's name is the page's."""
 
+import copy
 import dataclasses
 import inspect
 import math
@@ -333,3 +334,45 @@ def test_25_values(solved):
     problem = solved.problem.replace(f=f)
     f[0] = 9.0
     assert problem.f[0] == 1.0
+    servo = gf.Servo(problem)
+    twin = copy.copy(servo)
+    twin.f[0] = 9.0
+    assert servo.f[0] == 1.0
+    assert twin.step(f=f).start is gf.Start.COLD
+
+
+@pytest.mark.parametrize("backend", ["native", "reference"])
+def test_26_forces_in_world_axes(backend):
+    """Each force from its frame, written out; together they and the torsions are the wrench."""
+    normals = np.array([[-1, 0, 0], [0.6, -0.8, 0], [0.6, 0.64, 0.48], [0, 0, 1.0]])
+    points = -0.05 * normals + [2.0, 3.0, 4.0]
+    models = [gf.PCWF(0.8), gf.SFC(0.7, 0.02), gf.PCWF(0.9), gf.FPC()]
+    origin = np.array([2.01, 3.0, 4.0])
+    f = np.array([0.3, 0.2, 1.0, 0.01, -0.02, 0.005])
+    contacts = [gf.Contact(*each) for each in zip(points, normals, models, strict=True)]
+    problem = gf.Grasp(contacts, origin=origin).problem(f, c_max=20.0)
+    solution = gf.solve(problem, gf.Settings(backend=backend))
+    assert solution.status is gf.Status.SOLVED
+    forces, c = solution.forces_world, solution.c
+    first = c[0] * contacts[0].normal + c[1] * contacts[0].tangent
+    first += c[2] * np.cross(contacts[0].normal, contacts[0].tangent)
+    assert forces[0] == pytest.approx(first)
+    assert forces[3] == pytest.approx(c[10] * normals[3])
+    assert np.einsum("ij,ij->i", forces, normals) == pytest.approx(solution.normal_forces)
+    assert forces.sum(axis=0) == pytest.approx(f[:3])
+    torques = np.cross(points - origin, forces).sum(axis=0) + c[6] * normals[1]
+    assert torques == pytest.approx(f[3:])
+
+
+def test_27_slips():
+    inward, _ = pair(gf.PCWF(0.5))
+    for scale, turn, reason in ((1000, 1, "millimetres"), (1, -1, "normals point INTO the object")):
+        slip = [
+            gf.Contact(scale * each.point, turn * each.normal, each.model)
+            for each in inward.contacts
+        ]
+        with pytest.warns(gf.GraspForceWarning, match=reason):
+            grasp = gf.Grasp(slip)
+        assert grasp.contacts == tuple(slip)
+        with pytest.warns(gf.GraspForceWarning, match=reason):
+            assert np.array_equal(gf.grasp_map(slip), grasp.W)

@@ -27,7 +27,7 @@ def test_the_snippets_run(tmp_path, monkeypatch, capsys):
     (tmp_path / "hand.urdf").write_text(paper_hand_urdf("radial"))
     monkeypatch.chdir(tmp_path)
     session: dict[str, object] = {}
-    snippets = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), re.S | re.M)
+    snippets = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.S | re.M)
     assert len(snippets) == 6
     with warnings.catch_warnings():
         warnings.simplefilter("error")

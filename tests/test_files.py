@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ALLEGRO
+from grasps import nose_cone
 from jsonschema import Draft202012Validator
 
 import graspforce as gf
@@ -21,7 +23,6 @@ from graspforce.files import npz_grasps, writing
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
-DATA = ROOT.parent / "shared" / "data"
 
 CAN = {
     "name": "can",
@@ -638,27 +639,21 @@ def test_paper_example_is_the_static_scenario():
 
 
 def test_nose_cone_is_the_published_problem():
-    path = DATA / "nose_cone.json"
-    if not path.exists():
-        pytest.skip("no shared data")
-    published = json.loads(path.read_text(encoding="utf-8"))[0]
-    document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
-    points = [contact["point"] for contact in document["contacts"]]
-    normals = [contact["normal"] for contact in document["contacts"]]
-    np.testing.assert_allclose(points, published["contact_points"], atol=1e-11)
-    np.testing.assert_allclose(normals, published["inward_normals"], atol=1e-11)
-
+    """Lobo, Vandenberghe, Boyd and Lebret (1998), in the numbers of Vanderbei's collection."""
     ((_, problem),) = files.read(EXAMPLES / "nose_cone.json")
-    assert problem.f.tolist() == published["f_to_exert"]
-    assert set(problem.mu) == {published["mu"]}
-    W, other = problem.W, np.array(published["W"])
-    for i in range(5):
-        np.testing.assert_allclose(W[:, 3 * i], other[:, 3 * i], atol=1e-11)
-        # The published tangents are others: the wrenches they span are the same.
-        mine, theirs = W[:, 3 * i + 1 : 3 * i + 3], other[:, 3 * i + 1 : 3 * i + 3]
-        np.testing.assert_allclose(mine @ mine.T, theirs @ theirs.T, atol=1e-11)
+    document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
+    points, normals = nose_cone(5)
+    found = [(contact["point"], contact["normal"]) for contact in document["contacts"]]
+    np.testing.assert_allclose(found, np.stack((points, normals), axis=1), atol=1e-11)
+    assert problem.f.tolist() == [0, 0, 1, 0, 0, 0]
+    assert set(problem.mu) == {0.3}
+    np.testing.assert_allclose(problem.W[:3, ::3], normals.T, atol=1e-11)
+    for i, point in enumerate(points):  # whatever the tangents are, they span the same wrenches
+        of_force = np.vstack((np.eye(3), np.cross(point, np.eye(3)).T))
+        mine = problem.W[:, 3 * i : 3 * i + 3]
+        np.testing.assert_allclose(mine @ mine.T, of_force @ of_force.T, atol=1e-11)
 
-    least = published["optimum"]
+    least = 0.49108896
     assert gf.solve(problem.replace(c_max=1.001 * least)).status is gf.Status.SOLVED
     assert gf.solve(problem.replace(c_max=0.999 * least)).status is gf.Status.INFEASIBLE
 
@@ -671,14 +666,11 @@ def test_several_example():
 
 
 def test_allegro_file_is_read_as_it_is():
-    path = DATA / "allegro_ycb.npz"
-    if not path.exists():
-        pytest.skip("no shared data")
-    grasps = files.read(path)
-    assert len(grasps) == 193
+    grasps = files.read(ALLEGRO)
+    assert len(grasps) == 12
     assert grasps[0].name == "002_master_chef_can"
     assert grasps[0].problem.tau_hi.tolist() == [0.7] * 16
-    assert {"ref_status", "wbf_c_alpha1"} <= set(files.unused_keys(path))
+    assert {"ref_status", "wbf_c_alpha1"} <= set(files.unused_keys(ALLEGRO))
 
 
 def fenced(language):

@@ -579,5 +579,5 @@ def test_wrong_wrenches_are_refused_with_passive_joints_too():
 def test_without_mujoco_the_error_names_the_pip_line(monkeypatch):
     model, data = scene()
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    with pytest.raises(gf.MissingExtraError, match=r"pip install 'graspforce\[mujoco\]'"):
+    with pytest.raises(gf.MissingExtraError, match=r"pip install 'mujoco[<>=]"):
         gf.Grasp.from_mujoco(model, data, "cube")

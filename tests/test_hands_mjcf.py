@@ -548,6 +548,6 @@ def test_wrong_numbers_of_contacts_and_angles():
 
 def test_without_mujoco_the_error_names_the_pip_line(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    with pytest.raises(gf.MissingExtraError, match=r"pip install 'graspforce\[mujoco\]'"):
+    with pytest.raises(gf.MissingExtraError, match=r"pip install 'mujoco[<>=]"):
         from_mjcf("hand.xml", ["tip"])
     assert ImportedHand.__doc__

@@ -12,7 +12,11 @@ PACKAGE = Path(graspforce.__file__).parent
 
 def test_one_module_imports_the_compiled_core():
     importing = re.compile(r"^\s*(from\s+\S*\s+)?import\s+.*\b_core\b|graspforce\._core", re.M)
-    files = {file.name for file in PACKAGE.rglob("*.py") if importing.search(file.read_text())}
+    files = {
+        file.name
+        for file in PACKAGE.rglob("*.py")
+        if importing.search(file.read_text(encoding="utf-8"))
+    }
     assert files == {"_native.py"}
 
 

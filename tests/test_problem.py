@@ -163,7 +163,10 @@ def test_replace_with_nothing_is_equal(full, bare):
 def test_replace_validates(full):
     with pytest.raises(gf.InvalidInputError, match=r"^f: got shape \(3,\)"):
         full.replace(f=np.zeros(3))
-    with pytest.raises(gf.InvalidInputError, match=r"^force: no argument of ForceProblem.*alpha"):
+    with pytest.raises(
+        gf.InvalidInputError,
+        match=r"^force: not an option of ForceProblem.replace; expected .*alpha",
+    ):
         full.replace(force=np.zeros(6))
 
 

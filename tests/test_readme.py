@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
-BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", README.read_text(), re.S | re.M)
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", README.read_text(encoding="utf-8"), re.S | re.M)
 COMMANDS = [line for _, block in BLOCKS for line in block.splitlines()]
 
 
@@ -27,18 +27,18 @@ def test_the_python_snippets_run_in_one_session(capsys):
 def test_the_commands_run(line, tmp_path):
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     command = [sys.executable, "-m", *shlex.split(line, comments=True)]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, encoding="utf-8", check=False)
     assert run.returncode == 0, run.stderr
 
 
 @pytest.mark.parametrize("line", [c for c in COMMANDS if c.startswith("make ")])
 def test_the_make_targets_exist(line):
     target = shlex.split(line, comments=True)[1]
-    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M)
+    assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
 
 
 def test_every_file_that_the_docs_link_to_exists():
     for page in (README, *sorted((ROOT / "docs").glob("*.md"))):
-        for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+        for link in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
             if not link.startswith("http"):
                 assert (page.parent / link).exists(), f"{page.name}: {link}"

@@ -247,10 +247,31 @@ def test_decrement_is_the_length_of_the_newton_step(rng):
         assert reference.decrement(planted.c, problem) < 1e-6
 
 
-def test_decrement_on_the_boundary_is_infinite():
-    # The Hessian there is one direction's alone to rounding, which no solver can invert.
+@pytest.mark.parametrize(
+    ("c", "limit"),
+    [
+        ([5, 3, 4], 9),  # on the cone, in whole numbers
+        ([1, 0.5**0.5, 0.5**0.5], 9),  # on the cone but for rounding
+        ([5, 5 - 1e-15, 0], 9),  # the last number inside it
+        ([1, 0.1, 0.2], 1),  # on a limit
+        ([1, 0.1, 0.2], 1 + 2**-52),  # the last number inside it
+        ([5, 4, 4], 9),
+        ([1, 0.1, 0.2], 0.5),
+        ([0, 0, 0], 9),
+        ([5e-324, 0, 0], 9),  # the squares of its slack vanish
+    ],
+)
+def test_decrement_on_the_boundary_and_outside_is_infinite(c, limit):
+    problem = gf.ForceProblem([[1.0, 0, 0]], [1.0], gf.PCWF(1.0), c_max=limit)
+    assert reference.decrement(np.array(c, dtype=float), problem) == math.inf
+
+
+@pytest.mark.parametrize("margin", [1e-3, 1e-9, 1e-12])
+def test_decrement_close_to_the_boundary_is_a_number(margin):
+    """One cone's barrier grows like −ln margin: its decrement tends to 1 towards its boundary."""
     problem = gf.ForceProblem([[1.0, 0, 0]], [1.0], gf.PCWF(1.0), c_max=5)
-    assert reference.decrement(np.array([1, 0.5**0.5, 0.5**0.5]), problem) == math.inf
+    c = np.array([1, 1 - margin, 0])
+    assert reference.decrement(c, problem) == pytest.approx(1, abs=max(1e-3, 2 * margin))
 
 
 def test_bound_on_the_decrement_after_a_full_step():

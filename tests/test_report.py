@@ -2,19 +2,21 @@
 
 import base64
 import html.parser
+import importlib
 import json
 import operator
-import os
 import re
 import sys
 import xml.etree.ElementTree
 
 import numpy as np
 import pytest
+from conftest import as_ordinary_user
 
 import graspforce as gf
 from graspforce import figures, report
 from graspforce.compare import methods
+from graspforce.figures import style
 from graspforce.report import page, timing
 
 report_compared = report.COMPARED
@@ -212,11 +214,22 @@ def test_a_file_in_the_way_is_refused_before_any_work(tmp_path, monkeypatch, whe
     assert (tmp_path / "taken").read_text() == "mine"
 
 
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write")
-def test_a_read_only_folder_is_refused(tmp_path):
-    tmp_path.chmod(0o500)
-    with pytest.raises(gf.InvalidInputError, match=r"expected a folder to write into \(Permission"):
+@pytest.mark.parametrize("name", ["results.json", "report.html"])
+def test_a_folder_in_the_place_of_a_file_is_refused_before_any_work(tmp_path, monkeypatch, name):
+    (tmp_path / name).mkdir()
+    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    with pytest.raises(gf.InvalidInputError, match=f"{name}: got a directory, expected a file"):
         report.reproduce(tmp_path)
+
+
+def test_a_read_only_folder_is_refused(sealed_folder, monkeypatch):
+    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    refused = r"expected a folder to write into \(Permission"
+    style.new_figure()  # these import what a report is made with
+    page.template()
+    importlib.import_module("graspforce.report.physics")
+    with pytest.raises(gf.InvalidInputError, match=refused), as_ordinary_user():
+        report.reproduce(sealed_folder)
 
 
 @pytest.mark.parametrize(
@@ -225,7 +238,7 @@ def test_a_read_only_folder_is_refused(tmp_path):
 def test_a_missing_extra_is_named_before_any_work(tmp_path, monkeypatch, module, package):
     monkeypatch.setitem(sys.modules, module, None)
     monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
-    with pytest.raises(gf.MissingExtraError, match=rf"{package}.*graspforce\[figures\]"):
+    with pytest.raises(gf.MissingExtraError, match=rf"pip install .*'{package}>="):
         report.reproduce(tmp_path / "results")
     assert not (tmp_path / "results").exists()
 

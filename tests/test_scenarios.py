@@ -191,7 +191,7 @@ def test_sweep_takes_what_it_is_given_and_refuses_nonsense():
     one = scenarios.sweep_alpha([5.0], scenarios.static(hand=PaperHand("radial")))
     expected = gf.solve(scenarios.static(hand=PaperHand("radial")).problem(0))
     np.testing.assert_allclose(one.c, [expected.c], rtol=1e-12)
-    for alphas, text in [([1.0, -1.0], "alpha: got -1.0"), ([], "alphas: got shape"),
+    for alphas, text in [([1.0, -1.0], r"alphas\[1\]: got -1"), ([], "alphas: got shape"),
                          ([[1.0]], "alphas: got shape")]:  # fmt: skip
         with pytest.raises(gf.InvalidInputError, match=text):
             scenarios.sweep_alpha(alphas)

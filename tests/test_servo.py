@@ -1,6 +1,8 @@
 """The servo: the same answers as solving each tick cold, and a state that nothing can spoil."""
 
 import contextlib
+import copy
+import gc
 import pickle
 
 import numpy as np
@@ -243,15 +245,15 @@ def test_arrays_of_a_tick_are_its_own(default):
     servo = gf.Servo(stream.problem, default)
     fields = stream.fields(0)
     first = servo.step(**fields)
-    copy = pickle.loads(pickle.dumps(first))
+    again = pickle.loads(pickle.dumps(first))
     for value in fields.values():
         value[:] = NAN
     second = servo.step(**stream.fields(DT))
     assert second.status is gf.Status.SOLVED
-    assert first == copy
+    assert first == again
     assert first.problem == stream.at(0)
-    assert first.nu.tolist() == copy.nu.tolist()
-    assert np.array_equal(first.c, copy.c)
+    assert first.nu.tolist() == again.nu.tolist()
+    assert np.array_equal(first.c, again.c)
 
 
 def test_solutions_kept_from_many_ticks_stay_apart(backend, default):
@@ -365,6 +367,57 @@ def test_servos_do_not_share_anything(exact):
                 streams[1 - i].problem, exact
             )  # the shared solver of solve() is none of theirs
             assert together[i].step(**stream.fields(k * DT)) == alone[i][k]
+
+
+COPIES = {
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda servo: pickle.loads(pickle.dumps(servo)),
+}
+
+
+@pytest.mark.parametrize("duplicate", COPIES.values(), ids=COPIES)
+@pytest.mark.parametrize("ticks", [0, 3])
+def test_a_copy_shares_nothing_and_starts_cold(exact, duplicate, ticks):
+    stream = Stream()
+    servo = gf.Servo(stream.problem, exact)
+    for k in range(ticks):
+        servo.step(**stream.fields(k * DT))
+    servo.alpha[...] = 3.0  # not solved yet
+    twin = duplicate(servo)
+    assert twin.settings == servo.settings
+    assert twin.problem == servo.problem
+    assert twin.alpha == 3.0
+    with pytest.raises(gf.InvalidInputError, match="before the first tick"):
+        _ = twin.solution
+    # Each goes its own way …
+    servo.f[:] *= 1.01
+    twin.f[:] *= 0.99
+    before = servo.f.copy(), servo.c.copy(), servo.problem
+    first = twin.step(**stream.fields(0.5), alpha=2.0)
+    assert first.start is gf.Start.COLD
+    assert_like_cold(first, exact)
+    for now, then in zip((servo.f, servo.c), before[:2], strict=True):
+        assert np.array_equal(now, then)
+    assert servo.problem == before[2]
+    # … and neither outlives the other only.
+    del servo
+    gc.collect()
+    assert_like_cold(twin.step(**stream.fields(0.5 + DT)), exact)
+
+
+def test_a_copy_goes_on_after_the_last_answer_of_the_original(exact):
+    """The original's next tick is warm, its copy's cold, their answers the same."""
+    stream = Stream()
+    servo = gf.Servo(stream.problem, exact)
+    for k in range(3):
+        servo.step(**stream.fields(k * DT))
+    twin = copy.copy(servo)
+    warm, cold = servo.step(**stream.fields(3 * DT)), twin.step(**stream.fields(3 * DT))
+    assert warm.start is not gf.Start.COLD
+    assert cold.start is gf.Start.COLD
+    assert warm.problem == cold.problem
+    assert warm.c == pytest.approx(cold.c, rel=1e-5)
 
 
 def test_settings_and_repr(default):

@@ -175,8 +175,8 @@ def test_a_budget_of_time_ends_a_solve_and_is_measured():
     hasty = gf.solve(problem, gf.Settings(budget_us=1e-3))
     assert hasty.status is gf.Status.MAX_STEPS
     assert hasty.newton_steps == 1
-    assert 0 < hasty.elapsed_us < 1e6
-    patient = gf.solve(problem, gf.Settings(budget_us=1e6))
+    assert hasty.elapsed_us > 1e-3
+    patient = gf.solve(problem, gf.Settings(budget_us=1e12))
     unlimited = gf.solve(problem)
     assert patient.status is gf.Status.SOLVED
     assert patient.newton_steps == unlimited.newton_steps

@@ -16,7 +16,9 @@ from typer.testing import CliRunner
 
 import graspforce as gf
 from graspforce import cli, sim
+from graspforce._util import atomic
 from graspforce.cli import simulate as simulate_command
+from graspforce.cli import terminal
 from graspforce.sim import motions, render
 from graspforce.sim.controller import rotation_vector, swing_point
 from graspforce.sim.scenes.bulb import bulb
@@ -64,6 +66,31 @@ def test_csv_and_parquet_have_the_same_columns(short, tmp_path):
     for name, column in zip(header, values.T, strict=True):
         np.testing.assert_array_equal(column, table[name].to_numpy())
     np.testing.assert_array_equal(table["force_2_z"], log.force[:, 1, 2])
+
+
+def test_an_ending_in_capitals_is_the_same_format(short, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    _, log = short
+    log.save(tmp_path / "log.NPZ")
+    with np.load(tmp_path / "log.NPZ") as data:
+        np.testing.assert_array_equal(data["t"], log.t)
+    log.save(tmp_path / "log.Parquet")
+    assert parquet.read_table(tmp_path / "log.Parquet").num_rows == len(log.t)
+
+
+@pytest.mark.parametrize("ending", [".npz", ".parquet", ".csv"])
+def test_a_log_goes_into_a_pipe(short, tmp_path, ending, monkeypatch):
+    pytest.importorskip("pyarrow")
+    monkeypatch.setattr(atomic, "_PATIENCE", 600)  # for cat to be started
+    _, log = short
+    fifo = tmp_path / f"fifo{ending}"
+    os.mkfifo(fifo)
+    with subprocess.Popen(["cat", fifo], stdout=subprocess.PIPE) as reader:
+        log.save(fifo)
+        came = reader.stdout.read()
+    log.save(tmp_path / f"file{ending}")
+    assert len(came) == (tmp_path / f"file{ending}").stat().st_size
+    assert fifo.is_fifo()
 
 
 def test_a_log_goes_only_where_it_can(short, tmp_path):
@@ -145,6 +172,33 @@ def test_a_film_has_a_frame_every_fortieth_of_a_second(short, tmp_path):
     assert (count, seconds) == (3, pytest.approx(0.12))
 
 
+@pytest.mark.usefixtures("opengl")
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif", "FILM.GIF", "100%d:b.mp4"])
+def test_a_film_replaces_a_file_as_a_whole_or_not_at_all(short, tmp_path, name):
+    path = tmp_path / name
+    path.write_text("old")
+    path.chmod(0o600)
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sim.save_video(*short, path, stop)
+    assert path.read_text() == "old"
+    sim.save_video(*short, path)
+    assert (b"ftyp" if path.suffix == ".mp4" else b"GIF8") in path.read_bytes()[:8]
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+
+
+def test_ffmpeg_that_fails_is_an_error_in_its_words(tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    frame = np.zeros((480, 640, 3), np.uint8)
+    for frames in (1, 100):  # it ends before the last of many
+        with pytest.raises(OSError, match=r"ffmpeg failed: Error opening output .*: No such file"):
+            render._write_mp4(tmp_path / "no" / "film.mp4", iter([frame] * frames))
+
+
 def test_no_opengl_says_what_to_set_and_to_install(short, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "egl")
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
@@ -206,14 +260,19 @@ def without_opengl(setting, *arguments):
 def test_without_mujoco_the_pip_line_is_named():
     code = "import sys; sys.modules['mujoco'] = None; import graspforce; graspforce.sim"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "pip install 'graspforce[sim]'" in run.stderr.splitlines()[-1]
+    assert re.search(r"pip install .*'mujoco[<>=]", run.stderr.splitlines()[-1])
 
 
 @pytest.mark.parametrize(
     ("module", "package", "act"),
     [
         ("pyarrow", "pyarrow", lambda trial, log, to: log.save(to / "log.parquet")),
-        ("imageio.v2", "imageio", lambda trial, log, to: sim.save_video(trial, log, to / "x.gif")),
+        ("imageio.v3", "imageio", lambda trial, log, to: sim.save_video(trial, log, to / "x.gif")),
+        (
+            "imageio_ffmpeg",
+            "imageio-ffmpeg",
+            lambda trial, log, to: sim.save_video(trial, log, to / "x.mp4"),
+        ),
         (
             "clarabel",
             "clarabel",
@@ -223,8 +282,10 @@ def test_without_mujoco_the_pip_line_is_named():
 )
 def test_a_missing_package_is_named(short, tmp_path, monkeypatch, module, package, act):
     monkeypatch.setitem(sys.modules, module, None)
-    extra = "baselines" if package == "clarabel" else "sim"  # sim brings it, too
-    with pytest.raises(gf.MissingExtraError, match=rf"{package}.*graspforce\[{extra}\]"):
+    brought_by = package.removesuffix("-ffmpeg")
+    with pytest.raises(
+        gf.MissingExtraError, match=rf"needs {package}, .*pip install .*'{brought_by}[\[<>=]"
+    ):
         act(*short, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
@@ -234,7 +295,7 @@ def test_without_the_allegro_package_the_pip_line_is_named(monkeypatch):
         raise importlib.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(importlib.metadata, "files", missing)
-    with pytest.raises(gf.MissingExtraError, match=r"example-robot-data.*graspforce\[sim\]"):
+    with pytest.raises(gf.MissingExtraError, match=r"pip install .*'example-robot-data[<>=]"):
         sim.get("allegro")
     monkeypatch.setattr(importlib.metadata, "files", lambda name: [])
     with pytest.raises(gf.ModelImportError, match=r"allegro_right_hand\.urdf"):
@@ -302,7 +363,7 @@ def test_simulate_prints_a_table_and_writes_the_log(tmp_path):
 def test_a_narrow_terminal_loses_no_heading(short, capsys, monkeypatch):
     trial, log = short
     console = rich.console.Console(width=80, highlight=False)
-    monkeypatch.setattr(simulate_command, "stdout_console", lambda: console)
+    monkeypatch.setattr(terminal, "stdout_console", lambda: console)
     long = dataclasses.replace(trial, name="cylinder, little finger down")
     slid = dataclasses.replace(log, slip=np.full_like(log.slip, 2e-3))
     simulate_command._report_trials([(long, slid)])

@@ -1,12 +1,14 @@
 """solve and the Solution that it returns: residuals, verdicts, exceptions, values."""
 
+import json
 import math
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from grasps import KINDS, cone_margins, plant
+from grasps import KINDS, cone_margins, plant, random_contacts, random_model
+from scipy.spatial.transform import Rotation
 
 import graspforce as gf
 
@@ -266,7 +268,7 @@ def test_exceptions_are_of_the_family_and_pickle(overloaded):
         assert error.solution == overloaded
         assert str(error) == str(kind(overloaded))
     missing = gf.MissingExtraError("drawing", "matplotlib", "figures")
-    assert "pip install 'graspforce[figures]'" in str(missing)
+    assert "needs matplotlib, which is not installed: pip install 'matplotlib>=" in str(missing)
     assert str(pickle.loads(pickle.dumps(missing))) == str(missing)
 
 
@@ -320,6 +322,27 @@ def test_verify_finds_forces_outside_the_cones(solved, lie):
     assert not forged(solved, c=lie["sign"] * solved.c).verify().ok
 
 
+def test_verify_takes_a_boundary_for_one(solved):
+    """Forces without any slack are outside: no division by it, no warning."""
+    problem, c = solved.problem, solved.c
+    A = problem.linear_limits()[0]
+    ceilings = {"c_max": solved.normal_forces, "engagement": 1.0, "c_min": None}
+    for other in (problem.replace(A=A[:1], b=A[:1] @ c), problem.replace(**ceilings)):
+        report = gf.Solution(forged(solved)._outcome, other).verify()
+        assert not report.ok
+        assert report.limit_margin <= 1e-14
+        assert report.decrement == np.inf
+    push = gf.solve(gf.ForceProblem([[1.0, 0, 0]], [5.0], gf.PCWF(1.0), c_max=9))
+    report = forged(push, c=np.array([5.0, 3.0, 4.0])).verify()
+    assert not report.ok
+    assert report.wrench_error == report.friction_margin == 0
+    assert report.decrement == np.inf
+    report = forged(push, c=1e-200 * np.array([5.0, 3.0, 1.0])).verify()
+    assert not report.ok
+    assert report.friction_margin > 0  # but its square, by which Phi divides, is not
+    assert report.decrement == np.inf
+
+
 def test_verify_finds_forces_that_are_no_numbers(solved):
     assert not forged(solved, c=np.full_like(solved.c, np.nan)).verify().ok
 
@@ -370,6 +393,94 @@ def test_repr_names_the_verdict_and_the_margins(solved, overloaded):
     for word in ("friction_residual=", "torque_residual=", "newton_steps="):
         assert word in repr(solved)
     assert "INFEASIBLE" in repr(overloaded)
+
+
+def test_a_status_prints_as_its_name_and_counts_as_its_number(solved, overloaded, capsys):
+    print(solved.status, overloaded.status, solved.start)
+    assert capsys.readouterr().out == "SOLVED INFEASIBLE COLD\n"
+    for status in gf.Status:
+        assert f"{status}" == str(status) == "%s" % status == status.name  # noqa: UP031
+        assert f"{status:>20}|{status!s:<20}" == f"{status.name:>20}|{status.name:<20}"
+        number = int(status)
+        assert f"{status:d} {status:03d} {status:.1f}" == f"{number:d} {number:03d} {number:.1f}"
+        assert "%d" % status == json.dumps(status) == str(number)  # noqa: UP031
+        assert repr(status) == f"<Status.{status.name}: {number}>"
+        assert pickle.loads(pickle.dumps(status)) is status
+        assert status == number == np.int64(number)
+        assert gf.Status(number) is status
+
+
+# ---- forces in world axes ----------------------------------------------------------------------
+
+
+def of_contacts(rng, kinds, rotation=None, roll=0.0, origin=(0, 0, 0)):
+    """Solve a grasp whose contacts, drawn by rng, are turned about the origin and rolled."""
+    R = np.eye(3) if rotation is None else rotation
+    given = random_contacts(rng, [random_model(rng, kind) for kind in kinds])
+    contacts = [
+        gf.Contact(R @ each.point, R @ each.normal, each.model,
+                   R @ (np.cos(roll) * each.frame[:, 1] + np.sin(roll) * each.frame[:, 2]))
+        for each in given
+    ]  # fmt: skip
+    f = np.concatenate((R @ [0.3, -0.2, 1.0], R @ [0.002, 0.001, -0.003]))
+    return contacts, gf.solve(
+        gf.Grasp(contacts, origin=origin).problem(f, c_max=20.0), gf.Settings(tol=1e-14)
+    )
+
+
+def test_forces_in_world_axes_add_up_to_the_wrench(rng):
+    for kinds in (("PCWF",) * 3, ("SFC", "SFC"), ("FPC", "PCWF", "SFC", "PCWF", "SFC")):
+        origin = rng.normal(0, 0.01, 3)
+        contacts, solution = of_contacts(rng, kinds, origin=origin)
+        assert solution.status is gf.Status.SOLVED
+        forces, starts = solution.forces_world, solution.problem.starts
+        torque = np.zeros(3)
+        for contact, force, start in zip(contacts, forces, starts, strict=False):
+            torque += np.cross(contact.point - origin, force)
+            if isinstance(contact.model, gf.SFC):
+                torque += solution.c[start + 3] * contact.normal
+        f = solution.problem.f
+        assert forces.sum(axis=0) == pytest.approx(f[:3], abs=1e-7)
+        assert torque == pytest.approx(f[3:], abs=1e-7)
+
+
+def test_forces_in_world_axes_turn_with_the_world_and_not_with_the_frames():
+    kinds = ("PCWF", "SFC", "PCWF", "PCWF")
+    R = Rotation.from_rotvec([0.3, -0.5, 1.1]).as_matrix()
+    _, solution = of_contacts(np.random.default_rng(7), kinds)
+    _, turned = of_contacts(np.random.default_rng(7), kinds, rotation=R, roll=0.7)
+    assert turned.forces_world == pytest.approx(solution.forces_world @ R.T, rel=1e-5, abs=1e-6)
+
+
+def test_forces_in_world_axes_with_further_rows_and_without_a_contact_that_left(rng):
+    _, solution = of_contacts(rng, ("PCWF",) * 4)
+    problem = solution.problem
+    more = problem.replace(W=np.vstack((problem.W, np.zeros((1, 12)))), f=np.append(problem.f, 0.0))
+    assert gf.solve(more).forces_world.sum(axis=0) == pytest.approx(problem.f[:3], abs=1e-7)
+    gone = gf.solve(problem.replace(engagement=[1, 1, 0, 1]))
+    assert gone.forces_world[2].tolist() == [0, 0, 0]
+
+
+AXES, TORQUES = np.eye(3), np.ones((3, 3))
+
+
+@pytest.mark.parametrize(
+    ("rows", "model"),
+    [
+        ([AXES], gf.PCWF(0.5)),  # of a plane, for all that is known
+        ([TORQUES, AXES], gf.PCWF(0.5)),
+        ([2 * AXES, TORQUES], gf.PCWF(0.5)),  # in another unit
+        ([[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]], TORQUES], gf.PCWF(0.5)),
+        ([np.ones((3, 4)) / 3**0.5, np.eye(3, 4)], gf.SFC(0.5, 0.01)),
+        ([[[0.5], [0.5], [0.5]], np.ones((3, 1))], gf.FPC()),
+    ],
+)
+def test_forces_in_world_axes_only_of_a_grasp_map(rows, model):
+    """Where the first rows of W are something else, no number is better than a wrong one."""
+    W = np.vstack(rows)
+    solution = gf.solve(gf.ForceProblem(W, W[:, 0], model, c_max=20))
+    with pytest.raises(gf.InvalidInputError, match=r"^forces_world: got W of shape .*, expected"):
+        _ = solution.forces_world
 
 
 def test_the_problem_is_at_hand(planted, default):

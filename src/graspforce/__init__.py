@@ -26,6 +26,7 @@ from graspforce.certificate import Certificate, check_certificate
 from graspforce.contact import FPC, PCWF, SFC, Contact
 from graspforce.errors import (
     GraspForceError,
+    GraspForceWarning,
     InfeasibleGraspError,
     InvalidInputError,
     MissingExtraError,
@@ -66,6 +67,7 @@ __all__ = [
     "ForceProblem",
     "Grasp",
     "GraspForceError",
+    "GraspForceWarning",
     "InfeasibleGraspError",
     "InvalidInputError",
     "MissingExtraError",

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspforce._arrays import Array, signless
+from graspforce._arrays import Array, as_array, require_instance, signless
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 
@@ -23,14 +23,27 @@ class Certificate:
     Attributes:
         y: wrench direction, shape (k,): the grasp cannot push the object hard enough along it.
         z: multipliers of the rows of ``problem.linear_limits()``, shape (v,), none negative.
+
+    Raises:
+        InvalidInputError: y or z is no array of real numbers.
     """
 
     y: Array
     z: Array
 
+    def __post_init__(self) -> None:
+        for name in ("y", "z"):  # no number is no proof, but may be asked about
+            value = as_array(getattr(self, name), name, None, finite=False)
+            object.__setattr__(self, name, value)
+
     def excess(self, problem: ForceProblem) -> float:
-        """Return y·f − z·b: by how much the wanted wrench exceeds the most that is possible."""
-        return float(self.y @ problem.f - self.z @ problem.linear_limits()[1])
+        """Return y·f − z·b: by how much the wanted wrench exceeds the most that is possible.
+
+        Raises:
+            InvalidInputError: no problem, or the certificate's sizes are not its.
+        """
+        _, b = _limits_for(problem, self)
+        return float(self.y @ problem.f - self.z @ b)
 
     def proves_infeasible(self, problem: ForceProblem) -> bool:
         """Check the proof from the problem's data alone; see :func:`check_certificate`."""
@@ -52,15 +65,11 @@ def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:
     for more than 1e-14·p of them on the safe side.
 
     Raises:
-        InvalidInputError: the certificate's sizes are not the problem's.
+        InvalidInputError: an argument of the wrong kind, or the certificate's sizes are not the
+            problem's.
     """
-    A, b = problem.linear_limits()
+    A, b = _limits_for(problem, certificate)
     y, z, W, f = certificate.y, certificate.z, problem.W, problem.f
-    if y.shape != f.shape or z.shape != b.shape:
-        raise InvalidInputError(
-            f"certificate: got y of shape {y.shape} and z of shape {z.shape}, "
-            f"expected {f.shape} and {b.shape}, the problem's rows of W and linear limits"
-        )
     unit = 1e-14 * (len(y) + len(z))
     e = A.T @ z - W.T @ y
     slop = unit * (np.abs(A.T) @ np.abs(z) + np.abs(W.T) @ np.abs(y))
@@ -76,3 +85,17 @@ def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:
                 return False
     gap = y @ f - z @ b
     return bool((z >= 0).all() and gap > unit * (np.abs(y) @ np.abs(f) + z @ np.abs(b)))
+
+
+def _limits_for(problem: ForceProblem, certificate: Certificate) -> tuple[Array, Array]:
+    """Return the problem's linear limits, whose multipliers the certificate's z has to hold."""
+    require_instance(problem, "problem", ForceProblem)
+    require_instance(certificate, "certificate", Certificate)
+    A, b = problem.linear_limits()
+    y, z = certificate.y, certificate.z
+    if y.shape != problem.f.shape or z.shape != b.shape:
+        raise InvalidInputError(
+            f"certificate: got y of shape {y.shape} and z of shape {z.shape}, expected "
+            f"{problem.f.shape} and {b.shape}, the problem's rows of W and linear limits"
+        )
+    return A, b

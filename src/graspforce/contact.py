@@ -18,16 +18,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeAlias, cast
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_positive, signless
-from graspforce.errors import InvalidInputError
+from graspforce._arrays import (
+    Array,
+    as_array,
+    as_positive,
+    as_tuple,
+    require_instance,
+    signless,
+)
+from graspforce.errors import InvalidInputError, warn
 
 # A normal this close to unit length is taken as meant to be one and is normalised.
 UNIT_TOLERANCE = 1e-6
+
+# Contacts further apart [m], or a torsional friction coefficient above this [m]: millimetres?
+LARGEST_SPAN = 5.0
+LARGEST_GAMMA = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +82,7 @@ class SFC:
 
 
 ContactModel: TypeAlias = FPC | PCWF | SFC
+_MODELS = "FPC(), PCWF(mu) or SFC(mu, gamma)"
 
 
 def as_models(models: ContactModel | Sequence[ContactModel]) -> tuple[ContactModel, ...]:
@@ -81,19 +93,13 @@ def as_models(models: ContactModel | Sequence[ContactModel]) -> tuple[ContactMod
     """
     if isinstance(models, FPC | PCWF | SFC):
         return (models,)
-    if not isinstance(models, Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InvalidInputError(
-            f"models: got {models!r}, expected FPC(), PCWF(mu), SFC(mu, gamma) or a list of them"
-        )
-    given = cast("tuple[object, ...]", tuple(models))
+    require_instance(models, "models", Sequence, f"{_MODELS} or a list of them")
+    given = tuple(models)
     if not given:
         raise InvalidInputError("models: got no contacts, expected at least one")
     for index, model in enumerate(given):
-        if not isinstance(model, FPC | PCWF | SFC):
-            raise InvalidInputError(
-                f"models[{index}]: got {model!r}, expected FPC(), PCWF(mu) or SFC(mu, gamma)"
-            )
-    return cast("tuple[ContactModel, ...]", given)
+        require_instance(model, f"models[{index}]", ContactModel, _MODELS)
+    return given
 
 
 def as_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
@@ -102,16 +108,45 @@ def as_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
     Raises:
         InvalidInputError: none, or something that is no contact.
     """
-    if not isinstance(contacts, Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InvalidInputError(
-            f"contacts: got a {type(contacts).__name__}, expected a list of Contact"
-        )
-    if not contacts:
+    given = as_tuple(contacts, "contacts", Contact)
+    if not given:
         raise InvalidInputError("contacts: got none, expected at least one")
-    for index, contact in enumerate(contacts):
-        if not isinstance(contact, Contact):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InvalidInputError(f"contacts[{index}]: got {contact!r}, expected a Contact")
-    return tuple(contacts)
+    return given
+
+
+def warn_of_slips(contacts: Sequence[Contact]) -> None:
+    """Warn, from the line of the user's call, of contacts that look like a slip.
+
+    Millimetres: the contacts spread over more than ``LARGEST_SPAN`` along an axis, or a soft
+    finger's gamma is above ``LARGEST_GAMMA``. Normals out of the object: each points away from
+    the contacts' centre, more than about 6° beyond square to it, and together they do not point
+    one way, as those under the feet of a robot do. Frictionless contacts alone may be cables.
+    """
+    along = list(zip(*(contact.point.tolist() for contact in contacts), strict=True))
+    span = max(max(axis) - min(axis) for axis in along)
+    if span > LARGEST_SPAN:
+        warn(
+            f"contacts: their points are {span:.4g} m apart; if these are millimetres, divide "
+            "them by 1000"
+        )
+    gamma = max(getattr(contact.model, "gamma", 0.0) for contact in contacts)
+    if gamma > LARGEST_GAMMA:
+        warn(f"contacts: gamma is {gamma:.4g} m; if these are millimetres, divide them by 1000")
+    centre = np.array([sum(axis) / len(contacts) for axis in along])
+    if (
+        all(_points_away(contact, centre) for contact in contacts)
+        and np.linalg.norm(np.mean([contact.normal for contact in contacts], axis=0)) <= 0.8
+        and any(not isinstance(contact.model, FPC) for contact in contacts)
+    ):
+        warn(
+            "contacts: every normal points away from the contacts' centre; normals point INTO "
+            "the object, so turn them round unless the fingers grip from inside"
+        )
+
+
+def _points_away(contact: Contact, centre: Array) -> bool:
+    arm = contact.point - centre
+    return bool(contact.normal @ arm > 0.1 * math.hypot(*arm))
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -170,10 +205,7 @@ class Contact:
                 f"{unit.tolist()}"
             )
         flat = flat / length
-        if not isinstance(model, FPC | PCWF | SFC):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InvalidInputError(
-                f"model: got {model!r}, expected FPC(), PCWF(mu) or SFC(mu, gamma)"
-            )
+        require_instance(model, "model", ContactModel, _MODELS)
         self._set(as_array(point, "point", (3,)), unit, model, flat)
 
     def _set(self, point: Array, normal: Array, model: ContactModel, tangent: Array) -> None:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array
-from graspforce.contact import Contact, ContactModel, as_contacts
+from graspforce._arrays import Array, as_array, require_keywords
+from graspforce.contact import Contact, ContactModel, as_contacts, warn_of_slips
 from graspforce.errors import InvalidInputError
-from graspforce.grasp_map import grasp_map
-from graspforce.problem import ForceProblem
+from graspforce.grasp_map import map_about
+from graspforce.problem import ForceProblem, ProblemOptions
 
 if TYPE_CHECKING:
     from graspforce.hands.hand import Actuation, Hand, Reading
@@ -44,7 +44,11 @@ class Grasp:
         notes: what a reader of a robot found that its user should know.
 
     Raises:
-        InvalidInputError: no contacts, a hand without q or the reverse, a wrong shape.
+        InvalidInputError: no contacts, a hand without q or the reverse, no hand, a wrong shape.
+
+    Warns:
+        GraspForceWarning: the contacts look like millimetres, or their normals as if they
+            pointed out of the object.
     """
 
     def __init__(
@@ -57,9 +61,17 @@ class Grasp:
         if (hand is None) != (q is None):
             given, missing = ("q", "hand") if hand is None else ("hand", "q")
             raise InvalidInputError(f"{missing}: missing; {given} came without it")
+        self._place(contacts, origin)
+        warn_of_slips(self.contacts)
+        if hand is not None and q is not None:
+            from graspforce.hands.hand import actuation
+
+            self._take(actuation(hand, self.contacts, q))
+
+    def _place(self, contacts: Sequence[Contact], origin: ArrayLike) -> None:
         self.contacts = as_contacts(contacts)
         self.origin = as_array(origin, "origin", (3,))
-        self.W = grasp_map(self.contacts, self.origin)
+        self.W = map_about(self.origin, self.contacts)
         self.models: tuple[ContactModel, ...] = tuple(each.model for each in self.contacts)
         self.J: Array | None = None
         self.tau_lo: Array | None = None
@@ -70,10 +82,6 @@ class Grasp:
         self.passive_loads: Array = np.zeros(0)
         self.links: tuple[str, ...] = ()
         self.notes: tuple[str, ...] = ()
-        if hand is not None and q is not None:
-            from graspforce.hands.hand import actuation
-
-            self._take(actuation(hand, self.contacts, q))
 
     @classmethod
     def from_mujoco(
@@ -146,7 +154,8 @@ class Grasp:
 
     @classmethod
     def _of(cls, reading: Reading) -> Grasp:
-        grasp = cls(reading.contacts, origin=reading.origin)
+        grasp = cls.__new__(cls)
+        grasp._place(reading.contacts, reading.origin)
         grasp._take(reading.actuation)
         grasp.links, grasp.notes = reading.links, reading.notes
         return grasp
@@ -157,7 +166,7 @@ class Grasp:
         self.tau_bias = actuation.tau_bias
         self.passive_rows, self.passive_loads = actuation.passive_rows, actuation.passive_loads
 
-    def problem(self, f: ArrayLike, **options: Any) -> ForceProblem:
+    def problem(self, f: ArrayLike, **options: Unpack[ProblemOptions]) -> ForceProblem:
         """Return the problem of giving the object the wrench f with this grasp.
 
         With an underactuated hand its W and f have ``passive_rows`` and ``passive_loads``
@@ -166,9 +175,14 @@ class Grasp:
         Args:
             f: wrench that the fingers exert on the object, shape (6,) [N, N·m].
             **options: any further argument of :class:`ForceProblem`: alpha, c_max, tau_bias, …
+
+        Raises:
+            InvalidInputError: as :class:`ForceProblem`; or a name that is no such argument.
         """
-        hand: dict[str, Any] = {"J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi}
-        hand["tau_bias"] = self.tau_bias
+        require_keywords(options, ProblemOptions.__annotations__, "Grasp.problem")
+        hand: ProblemOptions = {
+            "J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi, "tau_bias": self.tau_bias,
+        }  # fmt: skip
         W, wanted = self.W, as_array(f, "f", (6,))
         if len(self.passive_rows):
             W = np.vstack((W, self.passive_rows))

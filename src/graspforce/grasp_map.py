@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce._arrays import Array, as_array
-from graspforce.contact import FPC, SFC, Contact, as_contacts, cross
+from graspforce.contact import FPC, SFC, Contact, as_contacts, cross, warn_of_slips
 
 
 def grasp_map(contacts: Sequence[Contact], origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
@@ -24,13 +24,24 @@ def grasp_map(contacts: Sequence[Contact], origin: ArrayLike = (0.0, 0.0, 0.0)) 
 
     Raises:
         InvalidInputError: no contacts, or something that is none.
+
+    Warns:
+        GraspForceWarning: the contacts look like millimetres, or their normals as if they
+            pointed out of the object.
     """
+    given = as_contacts(contacts)
     about = as_array(origin, "origin", (3,))
+    warn_of_slips(given)
+    return map_about(about, given)
+
+
+def map_about(origin: Array, contacts: Sequence[Contact]) -> Array:
+    """Return the grasp map of contacts and an origin that were checked before."""
     columns: list[Array] = []
-    for contact in as_contacts(contacts):
+    for contact in contacts:
         frame = contact.frame
         axes = frame[:, :1] if isinstance(contact.model, FPC) else frame
-        arm = contact.point - about
+        arm = contact.point - origin
         columns += [np.concatenate((axis, cross(arm, axis))) for axis in axes.T]
         if isinstance(contact.model, SFC):
             columns.append(np.concatenate((np.zeros(3), contact.normal)))

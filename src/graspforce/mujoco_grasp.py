@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
-from typing import Any, SupportsIndex
+from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._arrays import Array, came
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
-from graspforce.errors import InvalidInputError
+from graspforce.errors import InvalidInputError, warn
 from graspforce.hands.hand import Reading
 from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.mujoco_model import (
@@ -30,7 +30,7 @@ from graspforce.hands.mujoco_model import (
     name_of,
     what_moves,
 )
-from graspforce.hands.posture import actuate, full_jacobian, warn
+from graspforce.hands.posture import actuate, full_jacobian
 from graspforce.hands.transmission import connected_dofs
 
 
@@ -86,7 +86,7 @@ def read(
         notes.append(f"not in contact with {name!r}: {', '.join(absent)}")
     if int(model.opt.cone) == int(mj.mjtCone.mjCONE_PYRAMIDAL):
         notes.append("the simulation's friction pyramids lie inside the exact cones of the grasp")
-    warn(doubts, stacklevel=3)
+    warn(*doubts)
     return Reading(
         tuple(contacts),
         tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in bodies),
@@ -104,11 +104,14 @@ def _object(model: Any, object_body: object) -> int:
         as_link(object_body, "object_body", [name for name in names if name])
         body = names.index(object_body)
     else:
-        body = operator.index(object_body) if isinstance(object_body, SupportsIndex) else -1
+        try:
+            body = operator.index(object_body)  # pyright: ignore[reportArgumentType]
+        except TypeError:
+            body = -1
         if not 0 <= body < model.nbody:
             raise InvalidInputError(
-                f"object_body: got {object_body!r}, expected a body's name or its number, below "
-                f"{model.nbody}"
+                f"object_body: got {came(object_body)}, expected a body's name or its number, "
+                f"below {model.nbody}"
             )
     if not model.body_weldid[body]:
         raise InvalidInputError(

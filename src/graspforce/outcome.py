@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from graspforce._arrays import Array
 
 
-class Status(enum.IntEnum):
+class _Named(enum.IntEnum):
+    """An IntEnum that prints as its name, as what a user looks for."""
+
+    def __str__(self) -> str:
+        return self.name
+
+    def __format__(self, spec: str) -> str:
+        """Format the name, or the number where ``spec`` ends in the type code of one."""
+        return format(int(self) if spec.endswith(tuple("bcdeEfFgGnoxX%")) else self.name, spec)
+
+
+class Status(_Named):
     """What the mathematics found."""
 
     SOLVED = 0  #: strictly inside every limit, W c = f, suboptimality certified
@@ -21,7 +32,7 @@ class Status(enum.IntEnum):
     INVALID_NUMBERS = 6  #: the data overflow in double precision
 
 
-class Start(enum.IntEnum):
+class Start(_Named):
     """Where the Newton steps that led to an answer set out from."""
 
     COLD = 0  #: pure pushes, or Phase 1
@@ -30,6 +41,7 @@ class Start(enum.IntEnum):
     GIVEN = 3  #: forces that the caller gave
 
 
+@runtime_checkable
 class Outcome(Protocol):
     """The result of one solve, as the native core and the reference both return it."""
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import as_array
-from graspforce.contact import Contact, as_contacts
-from graspforce.errors import InvalidInputError, ModelImportError
+from graspforce._arrays import as_array, as_tuple
+from graspforce.contact import Contact, as_contacts, warn_of_slips
+from graspforce.errors import InvalidInputError, ModelImportError, warn
 from graspforce.hands.hand import Reading
 from graspforce.hands.imported import as_link
 from graspforce.hands.pinocchio_model import (
@@ -21,7 +21,7 @@ from graspforce.hands.pinocchio_model import (
     pinocchio_module,
     what_moves,
 )
-from graspforce.hands.posture import actuate, full_jacobian, warn
+from graspforce.hands.posture import actuate, full_jacobian
 
 
 def read(
@@ -46,7 +46,8 @@ def read(
     configuration = as_array(q, "q", (int(model.nq),))
     velocity = np.zeros(model.nv) if v is None else as_array(v, "v", (int(model.nv),))
     contacts = as_contacts(contacts)
-    if isinstance(links, str) or len(links) != len(contacts):
+    links = as_tuple(links, "links", str)
+    if len(links) != len(contacts):
         raise InvalidInputError(
             f"links: got {links!r}, expected {len(contacts)} names, one a contact"
         )
@@ -68,7 +69,8 @@ def read(
         for contact, link in zip(contacts, made_by, strict=True)
     ]
     bias = np.array(pin.nonLinearEffects(model, model.createData(), configuration, velocity))
-    warn(hand.doubts, stacklevel=3)
+    warn_of_slips(contacts)
+    warn(*hand.doubts)
     return Reading(
         contacts,
         made_by,

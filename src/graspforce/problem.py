@@ -11,12 +11,19 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspforce._arrays import Array, as_array, as_positive, require, signless
+from graspforce._arrays import (
+    Array,
+    as_array,
+    as_positive,
+    require,
+    require_keywords,
+    signless,
+)
 from graspforce.contact import FPC, PCWF, SFC, ContactModel, as_models, contact_starts
 from graspforce.errors import InvalidInputError
 
@@ -65,6 +72,29 @@ class Layout(NamedTuple):
             views[name] = packed[start : start + size].reshape(shape)
             start += size
         return views
+
+
+class ProblemOptions(TypedDict, total=False):
+    """The optional arguments of :class:`ForceProblem`, as keywords."""
+
+    J: ArrayLike | None
+    tau_lo: ArrayLike | None
+    tau_hi: ArrayLike | None
+    tau_bias: ArrayLike | None
+    c_max: ArrayLike | None
+    c_min: ArrayLike | None
+    engagement: ArrayLike | None
+    A: ArrayLike | None
+    b: ArrayLike | None
+    alpha: float
+
+
+class ProblemArguments(ProblemOptions, total=False):
+    """All arguments of :class:`ForceProblem`, as keywords."""
+
+    W: ArrayLike
+    f: ArrayLike
+    models: ContactModel | Sequence[ContactModel]
 
 
 class ForceProblem:
@@ -204,19 +234,16 @@ class ForceProblem:
         coefficients = zip(layout.dims, self.mu.tolist(), self.gamma.tolist(), strict=True)
         put("models", tuple(_model(*each) for each in coefficients))
 
-    def replace(self, **changes: Any) -> ForceProblem:
+    def replace(self, **changes: Unpack[ProblemArguments]) -> ForceProblem:
         """Return a new problem with some arguments changed, validated like any other.
 
         Raises:
             InvalidInputError: as the constructor; or a name that is no argument of it.
         """
         arguments = self.arguments()
-        unknown = sorted(set(changes) - set(arguments))
-        if unknown:
-            raise InvalidInputError(
-                f"{unknown[0]}: no argument of ForceProblem; expected one of {', '.join(arguments)}"
-            )
-        return ForceProblem(**(arguments | changes))
+        require_keywords(changes, arguments, "ForceProblem.replace")
+        changed: dict[str, Any] = {**arguments, **changes}
+        return ForceProblem(**changed)
 
     def arguments(self) -> dict[str, Any]:
         """Return the constructor's arguments that make this problem; None where not given."""

@@ -43,6 +43,11 @@ from graspforce.settings import Settings
 
 # Forces this many times their reach, with no minimum found, mean that nothing holds them.
 RUNAWAY = 1e6
+# A slack of this part of the numbers that it is the difference of is nothing but their rounding.
+ROUNDING = 2e-15
+# A direction of the wrench that W, in rows of unit length, reaches by less than this is out of
+# reach to rounding; fainter ones than 1e-10 may be counted either way.
+RANK_TOLERANCE = 1e-13
 
 # ---- III-A  polyhedral barrier ----------------------------------------------------------------
 
@@ -225,21 +230,55 @@ def friction_margins(c: Array, models: Sequence[ContactModel]) -> Array:
 
 
 def decrement(c: Array, problem: ForceProblem) -> float:
-    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}; c strictly inside.
+    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}; see :func:`decrement_and_error`.
 
-    It is inf where c is so close to the boundary that the Hessian is singular to rounding.
+    It is the length of what projecting onto W d = 0 leaves of the scaled gradient γ, where
+    ``∇Phi = G.T γ`` and ``∇²Phi = G.T G``: the Hessian itself, which holds squares, is not formed.
+    It is inf outside, and on the boundary as far as rounding can tell.
+    """
+    return decrement_and_error(c, problem)[0]
+
+
+def decrement_and_error(c: Array, problem: ForceProblem) -> tuple[float, float]:
+    """Return :func:`decrement` and how far the rounding of c and W may have moved it.
+
+    Near the boundary the last digit of c counts. And contacts that nearly coincide leave W with
+    faint directions: a relative change of W by 1e-16 turns the directions with W d = 0 by as much
+    times its condition, and the decrement follows.
     """
     view = _View(problem)
     if not view.models:
-        return 0.0
-    _, N = particular_and_nullspace(view.W, problem.f)
-    gradient, hessian = view.derivatives(c[view.kept])
-    reduced = N.T @ gradient
-    try:
-        step = newton_step(reduced, N.T @ hessian @ N) if N.shape[1] else reduced
-    except np.linalg.LinAlgError:
-        return math.inf
-    return math.sqrt(max(0.0, -float(reduced @ step)))
+        return 0.0, 0.0
+    inner = c[view.kept]
+    with np.errstate(all="ignore"):
+        if not view.inside(inner, ROUNDING):
+            return math.inf, 0.0
+        G, gamma = view.factored_derivatives(inner)
+        order = np.argsort(
+            -np.abs(G).max(axis=1)
+        )  # what rounding does to the large rows stays there
+        Q, R = np.linalg.qr(G[order])
+        along = Q.T @ gamma[order]
+        size = np.linalg.norm(view.W, axis=1, keepdims=True)
+        _, strengths, directions = np.linalg.svd(view.W / np.where(size > 0, size, 1), False)
+        rank = int((strengths > RANK_TOLERANCE * strengths.max(initial=0)).sum())
+        if rank == len(inner):  # W c = f has one solution
+            return 0.0, 0.0
+        try:
+            Z = np.linalg.solve(R.T, directions[:rank].T)
+        except np.linalg.LinAlgError:
+            return math.inf, 0.0
+        Z /= np.linalg.norm(Z, axis=0)
+        basis, _ = np.linalg.qr(Z)
+        left = along
+        for _ in range(2):  # once more for what cancellation leaves
+            left = left - basis @ (basis.T @ left)
+        length = float(np.linalg.norm(left))
+        condition = float(np.linalg.cond(Z) * strengths[0] / strengths[rank - 1]) if rank else 1.0
+        turned = 16 * len(inner) * condition * float(np.linalg.norm(along))
+        moved = 64 * float(np.linalg.norm(np.abs(G) @ np.abs(inner)))
+        error = np.finfo(float).eps * (turned + moved)
+    return (length, error) if math.isfinite(length) else (math.inf, 0.0)
 
 
 def wrench_reachable(problem: ForceProblem) -> bool:
@@ -296,10 +335,12 @@ class _View:
         self.cone_weight = 1 / min(1.0, problem.alpha)
         self.limit_weight = problem.alpha * self.cone_weight
 
-    def inside(self, c: Array) -> bool:
+    def inside(self, c: Array, rounding: float = 0.0) -> bool:
+        """Whether every slack is above this part of the numbers that it is the difference of."""
+        least = rounding * (np.abs(self.b) + np.abs(self.A) @ np.abs(c)) if rounding else 0.0
         return bool(
-            (self.b - self.A @ c > 0).all()
-            and all(y[0] > 0 and g(y, model) > 0
+            (self.b - self.A @ c > least).all()
+            and all(y[0] > 0 and g(y, model) > rounding * -R_mu(model)[0, 0] * y[0] ** 2
                     for y, model in zip(split(c, self.models), self.models, strict=True))
         )  # fmt: skip
 
@@ -309,6 +350,30 @@ class _View:
             soc * grad_phi_soc(c, self.models) + lin * grad_phi_lin(c, self.A, self.b),
             soc * hess_phi_soc(c, self.models) + lin * hess_phi_lin(c, self.A, self.b),
         )
+
+    def factored_derivatives(self, c: Array) -> tuple[Array, Array]:
+        """G and γ with ∇Phi = G.T γ and ∇²Phi = G.T G, strictly inside."""
+        rows = [math.sqrt(self.limit_weight) * self.A / (self.b - self.A @ c)[:, None]]
+        scaled = [np.full(len(self.b), math.sqrt(self.limit_weight))]
+        start = 0
+        for model in self.models:
+            # In s = (mu n, w t) the Hessian of −ln det s is 2 B²/det s, where B is the boost of the
+            # cone's axis to (s_0, −ŝ)/√det s, and the gradient −√(2/det s)·√2 B e_0.
+            weights = np.sqrt(np.abs(np.diag(R_mu(model))))
+            s = weights * c[start : start + model.dim]
+            radius = math.hypot(*s[1:])
+            det = (s[0] - radius) * (s[0] + radius)
+            w = np.concatenate((s[:1], -s[1:])) / math.sqrt(det)
+            B = np.eye(model.dim) + np.outer(w, w) / (1 + w[0])
+            B[0], B[:, 0] = w, w
+            block = np.zeros((model.dim, len(c)))
+            block[:, start : start + model.dim] = (
+                math.sqrt(2 * self.cone_weight / det) * B * weights
+            )
+            rows.append(block)
+            scaled.append(-math.sqrt(2 * self.cone_weight) * np.eye(model.dim)[0])
+            start += model.dim
+        return np.vstack(rows), np.concatenate(scaled)
 
     def value(self, c: Array) -> float:
         return float(

@@ -7,6 +7,7 @@ engagement from 1 to 0 before the finger leaves and back to 1 after it returned.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -14,7 +15,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_positive
+from graspforce._arrays import (
+    Array,
+    as_array,
+    as_integer,
+    as_positive,
+    as_tuple,
+    require_choice,
+)
 from graspforce.errors import InvalidInputError
 from graspforce.problem import REMOVAL_THRESHOLD
 
@@ -23,12 +31,12 @@ __all__ = ["REMOVAL_THRESHOLD", "Release", "Schedule", "is_removed", "linear", "
 
 def is_removed(engagement: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     """Tell which contacts count as out of the grasp, same shape as ``engagement``."""
-    return np.asarray(engagement) <= REMOVAL_THRESHOLD
+    return as_array(engagement, "engagement", None) <= REMOVAL_THRESHOLD
 
 
 def linear(s: ArrayLike) -> Array:
     """Rise from 0 at s = 0 to 1 at s = 1 in a straight line, as in the paper; flat outside."""
-    return np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
+    return np.clip(as_array(s, "s", None), 0.0, 1.0)
 
 
 def smooth(s: ArrayLike) -> Array:
@@ -57,10 +65,14 @@ class Release:
     ramp: float
 
     def __post_init__(self) -> None:
-        as_positive(self.ramp, "Release.ramp", "s")
-        if self.finger < 0:
-            raise InvalidInputError(f"Release.finger: got {self.finger}, expected 0 or more")
-        if not self.leave <= self.back:
+        object.__setattr__(self, "finger", as_integer(self.finger, "Release.finger", 0))
+        object.__setattr__(self, "ramp", as_positive(self.ramp, "Release.ramp", "s"))
+        for name in ("leave", "back"):
+            time = float(as_array(getattr(self, name), f"Release.{name}", (), finite=False))
+            if math.isnan(time):  # infinity is never
+                raise InvalidInputError(f"Release.{name}: got {time}, expected a time in s")
+            object.__setattr__(self, name, time)
+        if self.leave > self.back:
             raise InvalidInputError(
                 f"Release.back: got {self.back} s, expected leave = {self.leave} s or later"
             )
@@ -81,15 +93,15 @@ class Schedule:
     shape: Literal["linear", "smooth"] = "linear"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "releases", tuple(self.releases))
+        object.__setattr__(self, "contacts", as_integer(self.contacts, "contacts", 1))
+        object.__setattr__(self, "releases", as_tuple(self.releases, "releases", Release))
         for release in self.releases:
             if release.finger >= self.contacts:
                 raise InvalidInputError(
                     f"Release.finger: got {release.finger}, expected less than {self.contacts}, "
                     "the number of contacts"
                 )
-        if self.shape not in ("linear", "smooth"):
-            raise InvalidInputError(f"shape: got {self.shape!r}, expected 'linear' or 'smooth'")
+        require_choice(self.shape, "shape", ("linear", "smooth"))
 
     def __call__(self, t: float) -> Array:
         """Return the engagement of every contact at time t [s], shape (n,)."""
@@ -97,9 +109,6 @@ class Schedule:
         rise = smooth if self.shape == "smooth" else linear
         engagement = np.ones(self.contacts)
         for release in self.releases:
-            before = rise((release.leave - time) / release.ramp)
-            after = rise((time - release.back) / release.ramp)
-            engagement[release.finger] = min(
-                engagement[release.finger], float(np.maximum(before, after))
-            )
+            s = max(release.leave - time, time - release.back, 0.0) / release.ramp
+            engagement[release.finger] = min(engagement[release.finger], rise(min(s, 1.0)))
         return engagement

@@ -12,10 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce import _engine
-from graspforce._arrays import Array
+from graspforce._arrays import Array, require_instance
 from graspforce.contact import ContactModel
 from graspforce.errors import InvalidInputError
 from graspforce.outcome import Status
@@ -39,9 +40,15 @@ class Servo:
 
     Contacts leave the grasp and come back through ``engagement``; that takes no new memory.
 
+    A copy, by ``copy``, ``deepcopy`` or ``pickle``, has the same settings and arrays of its own
+    with the same numbers. It has had no tick: its first one starts cold.
+
     Args:
         problem: the first tick's problem; its shape (contacts, joints, kinds of limits) stays.
         settings: tolerance, limits on steps and time, backend.
+
+    Raises:
+        InvalidInputError: an argument of the wrong kind.
 
     Attributes:
         tick: Solve the next tick from the arrays below as they stand; returns its
@@ -54,7 +61,9 @@ class Servo:
     tick: Callable[[], Status]
 
     def __init__(self, problem: ForceProblem, settings: Settings | None = None) -> None:
-        self._settings = settings or DEFAULT
+        require_instance(problem, "problem", ForceProblem)
+        self._settings = DEFAULT if settings is None else settings
+        require_instance(self._settings, "settings", Settings)
         self._layout = problem.layout
         self._backend = backend = _engine.make_servo(problem, self._settings, Solution)
         self._fields = self._layout.views(backend.numbers)
@@ -209,6 +218,13 @@ class Servo:
     def settings(self) -> Settings:
         """The settings given at construction."""
         return self._settings
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle by what makes another: the last problem, the settings, the arrays."""
+        return (type(self), (self.problem, self._settings), np.array(self._backend.numbers))
+
+    def __setstate__(self, numbers: Array) -> None:
+        self._backend.numbers[:] = numbers
 
     def __repr__(self) -> str:
         return f"Servo({self.problem!r}, {self._settings!r})"

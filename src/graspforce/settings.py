@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Integral
 from typing import Literal
 
-from graspforce._arrays import as_positive
+from graspforce._arrays import as_integer, as_positive, require_choice
 from graspforce.errors import InvalidInputError
 
 
@@ -17,7 +16,8 @@ class Settings:
     Args:
         tol: certified bound on decrement²/2 at return, for Phi / min(1, alpha), so that every
             barrier term is standard self-concordant.
-        max_steps: the most Newton steps of a solve or a tick, those of Phase 1 included.
+        max_steps: the most Newton steps of a solve or a tick, those of Phase 1 included; up to
+            2³¹ − 1, what the native core counts to.
         budget_us: the longest that a solve or a tick of the native core may take [µs]; the step
             that is under way is finished, and one is always taken. None for no limit.
         backend: "native" for the C++ core, "reference" for the NumPy transcription of the paper.
@@ -32,15 +32,12 @@ class Settings:
     backend: Literal["native", "reference"] = "native"
 
     def __post_init__(self) -> None:
-        if as_positive(self.tol, "tol") >= 1:
-            raise InvalidInputError(f"tol: got {self.tol}, expected less than 1")
-        if not isinstance(self.max_steps, Integral) or self.max_steps < 1:
-            raise InvalidInputError(
-                f"max_steps: got {self.max_steps!r}, expected a whole number of at least 1"
-            )
+        tol = as_positive(self.tol, "tol")
+        if tol >= 1:
+            raise InvalidInputError(f"tol: got {tol}, expected less than 1")
+        object.__setattr__(self, "tol", tol)
+        object.__setattr__(self, "max_steps", as_integer(self.max_steps, "max_steps", 1))
         if self.budget_us is not None:
-            as_positive(self.budget_us, "budget_us")
-        if self.backend not in ("native", "reference"):
-            raise InvalidInputError(
-                f"backend: got {self.backend!r}, expected 'native' or 'reference'"
-            )
+            budget_us = as_positive(self.budget_us, "budget_us", "µs")
+            object.__setattr__(self, "budget_us", budget_us)
+        require_choice(self.backend, "backend", ("native", "reference"))

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
 
 from graspforce import reference
-from graspforce._arrays import Array, signless
+from graspforce._arrays import Array, require_instance, signless
 from graspforce.certificate import Certificate
-from graspforce.errors import InfeasibleGraspError, NotConvergedError
+from graspforce.contact import UNIT_TOLERANCE
+from graspforce.errors import InfeasibleGraspError, InvalidInputError, NotConvergedError
 from graspforce.outcome import Outcome, PlainOutcome, Start, Status, TickOutcome
 from graspforce.problem import ForceProblem, Layout
 
@@ -53,6 +55,8 @@ class Solution:
     __slots__ = ("_outcome", "_problem")
 
     def __init__(self, outcome: Outcome, problem: ForceProblem | Layout) -> None:
+        require_instance(outcome, "outcome", Outcome)
+        require_instance(problem, "problem", ForceProblem | Layout, "a ForceProblem")
         self._outcome = outcome
         self._problem = problem
 
@@ -196,6 +200,32 @@ class Solution:
         return self.c[self.problem.starts[:-1]]
 
     @property
+    def forces_world(self) -> Array:
+        """Force of every contact on the object, shape (n, 3) [N], in the axes of f.
+
+        These are the axes in which the contacts' normals were given to :func:`grasp_map`: the
+        world's, as a rule. The forces add up to f[:3]; the torsion of a soft finger is no force
+        and left out.
+
+        Raises:
+            InvalidInputError: W is not the grasp map of a body in space, the contacts' axes in
+                its first three rows.
+        """
+        problem, c = self.problem, self.c
+        forces = np.zeros((problem.n, 3))
+        for i, (start, end) in enumerate(pairwise(problem.starts)):
+            axes = problem.W[:3, start:end]
+            orthonormal = np.diag([1.0, 1.0, 1.0, 0.0][: end - start])  # torsion is no force
+            off = np.abs(axes.T @ axes - orthonormal).max()
+            if len(problem.W) < 6 or off > UNIT_TOLERANCE:
+                raise InvalidInputError(
+                    f"forces_world: got W of shape {problem.W.shape} whose first three rows are "
+                    f"not the axes of contact {i}, expected what grasp_map returns"
+                )
+            forces[i] = axes @ c[start:end]
+        return forces
+
+    @property
     def friction_margins(self) -> Array:
         """Margins mu n − ‖tangential force‖, shape (n,) [N]; negative where a contact slips.
 
@@ -248,15 +278,15 @@ class Solution:
         friction = float(self.friction_margins.min())
         limits = float((b - A @ c).min(initial=math.inf))
         inside = friction > 0 and limits > 0
-        decrement = reference.decrement(c, problem) if inside else math.inf
+        decrement, error = reference.decrement_and_error(c, problem) if inside else (math.inf, 0.0)
         certificate = self.certificate
         holds = None if certificate is None else certificate.proves_infeasible(problem)
         scale = max(np.abs(problem.f).max(), (np.abs(problem.W) @ np.abs(c)).max())
         balanced = wrench_error <= WRENCH_TOLERANCE * scale
         match self.status:
             case Status.SOLVED:
-                # Rounding in NumPy's dense algebra leaves a decrement of this order behind.
-                ok = inside and balanced and decrement <= self._outcome.decrement + 1e-5
+                certified = (1 + 1e-6) * self._outcome.decrement + error
+                ok = bool(inside and balanced and decrement <= certified)
             case Status.INFEASIBLE:
                 ok = bool(holds)
             case Status.WRENCH_UNREACHABLE:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce import _engine
-from graspforce._arrays import as_array
+from graspforce._arrays import as_array, require_instance
 from graspforce.problem import ForceProblem
 from graspforce.settings import Settings
 from graspforce.solution import Solution
@@ -32,12 +33,20 @@ def solve(
         The forces with their verdict; look at ``status`` before using ``c``.
 
     Raises:
-        InvalidInputError: a start of the wrong shape.
+        InvalidInputError: an argument of the wrong kind, a start of the wrong shape.
         InfeasibleGraspError, NotConvergedError: with ``check``, when not SOLVED.
     """
-    settings = settings or DEFAULT
+    # The class alone is compared first: the whole check takes as long as a Newton step.
+    if problem.__class__ is not ForceProblem:
+        require_instance(problem, "problem", ForceProblem)
+    if settings is None:
+        settings = DEFAULT
+    elif settings.__class__ is not Settings:
+        require_instance(settings, "settings", Settings)
     guess = None if start is None else as_array(start, "start", (problem.m,))
     solution = _engine.solve(problem, settings, guess, Solution)
-    if check:
-        solution.raise_if_failed()
+    if check is not False:
+        require_instance(check, "check", bool | np.bool_, "True or False")
+        if check:
+            solution.raise_if_failed()
     return solution

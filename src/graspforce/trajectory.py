@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, cast
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,6 +60,7 @@ class State:
         return np.array([0.0, 0.0, self.yaw_acceleration])
 
 
+@runtime_checkable
 class Motion(Protocol):
     """A rigid motion with the vertical as its only axis of rotation."""
 
@@ -169,8 +170,9 @@ def wrench(
     a = as_array(acceleration, "acceleration", (3,))
     omega = as_array(angular_velocity, "angular_velocity", (3,))
     omega_dot = as_array(angular_acceleration, "angular_acceleration", (3,))
-    if np.ndim(inertia) == 0:
-        vertical = as_positive(cast(float, inertia), "inertia", "kg·m²")
+    tensor = as_array(inertia, "inertia", None)
+    if tensor.ndim == 0:
+        vertical = as_positive(float(tensor), "inertia", "kg·m²")
         if omega[:2].any() or omega_dot[:2].any():
             raise InvalidInputError(
                 "inertia: got a scalar, expected shape (3, 3) for a rotation about other axes "
@@ -178,7 +180,7 @@ def wrench(
             )
         torque = vertical * omega_dot
     else:
-        tensor = as_array(inertia, "inertia", (3, 3))
+        tensor = as_array(tensor, "inertia", (3, 3))
         if not np.allclose(tensor, tensor.T, rtol=0, atol=1e-9 * np.abs(tensor).max()):
             raise InvalidInputError(f"inertia: got {tensor.tolist()}, expected it symmetric")
         least = float(np.linalg.eigvalsh(tensor)[0])

@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspforce import reference
-from graspforce._arrays import Array
+from graspforce._arrays import Array, as_integer, require_instance
 from graspforce.contact import ContactModel, contact_starts
-from graspforce.errors import InvalidInputError
 from graspforce.outcome import PlainOutcome, Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
@@ -103,16 +101,12 @@ class Active:
 
 
 def as_steps(max_steps: int) -> int:
-    """Return ``max_steps``, which must be a whole number of at least 1.
+    """Return ``max_steps``, which must be an integer of at least 1.
 
     Raises:
         InvalidInputError: it is not.
     """
-    if not isinstance(max_steps, Integral) or max_steps < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InvalidInputError(
-            f"max_steps: got {max_steps!r}, expected a whole number of at least 1"
-        )
-    return int(max_steps)
+    return as_integer(max_steps, "max_steps", 1)
 
 
 def run(problem: ForceProblem, method: Callable[[Active], Solution]) -> Solution:
@@ -133,7 +127,12 @@ def run(problem: ForceProblem, method: Callable[[Active], Solution]) -> Solution
 
 
 def known_at_once(problem: ForceProblem) -> Solution | None:
-    """Return the answer to a problem that would overflow or has no contact left; else None."""
+    """Return the answer to a problem that would overflow or has no contact left; else None.
+
+    Raises:
+        InvalidInputError: no problem.
+    """
+    require_instance(problem, "problem", ForceProblem)
     if np.abs(problem.packed).max() > LARGEST:
         return nothing(problem, Status.INVALID_NUMBERS)
     if problem.active.any():

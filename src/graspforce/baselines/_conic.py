@@ -65,10 +65,12 @@ class Pattern:
     """
 
     def __init__(self, there: NDArray[np.bool_]) -> None:
-        columns, self.indices = np.nonzero(there.T)
+        columns, rows = np.nonzero(there.T)
         self.there = there
-        self.pointers = np.concatenate(([0], np.cumsum(np.count_nonzero(there, axis=0))))
-        self._flat = self.indices * there.shape[1] + columns
+        # Solvers take whole numbers of this width.
+        self.indices = rows.astype(np.int32)
+        self.pointers = np.append(0, np.count_nonzero(there, axis=0).cumsum()).astype(np.int32)
+        self._flat = rows * there.shape[1] + columns
 
     def values(self, A: Array) -> Array:
         """Return the entries of a matrix, column by column."""
@@ -79,14 +81,14 @@ class Pattern:
         return np.count_nonzero(A) == np.count_nonzero(self.values(A))
 
     def sparse(self, A: Array) -> Any:
-        """Return a matrix as one of SciPy's compressed columns, zeros of the pattern included."""
-        from scipy.sparse import csc_matrix  # pyright: ignore[reportMissingTypeStubs]
+        """Return a matrix as SciPy's array of compressed columns, zeros of the pattern included."""
+        from scipy.sparse import csc_array  # pyright: ignore[reportMissingTypeStubs]
 
-        return csc_matrix((self.values(A), self.indices, self.pointers), shape=A.shape)
+        return csc_array((self.values(A), self.indices, self.pointers), shape=A.shape)
 
 
 def diagonal(P: Array) -> Any:
-    """Return diag(P) as one of SciPy's matrices of compressed columns, without its zeros."""
+    """Return diag(P) as SciPy's array of compressed columns, without its zeros."""
     square = np.diag(P)
     return Pattern(square != 0).sparse(square)
 

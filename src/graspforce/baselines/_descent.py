@@ -11,7 +11,7 @@ from collections.abc import Callable
 from numpy.typing import ArrayLike
 
 from graspforce import reference
-from graspforce._arrays import Array, as_array, as_positive
+from graspforce._arrays import Array, as_array, as_positive, require_instance
 from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._lmi import Lmi, Point, half_square_decrement, line_search
 from graspforce.baselines._start import feasible_start
@@ -47,6 +47,7 @@ def descend(
     Raises:
         InvalidInputError: an option out of range, a start of the wrong shape.
     """
+    require_instance(problem, "problem", ForceProblem)
     as_positive(barrier, "barrier", "N")
     as_positive(tol, "tol")
     most = as_steps(max_steps)

@@ -245,7 +245,10 @@ def line_search(spectrum: Array, slope: float, weight: float) -> float:
             low = t
         else:
             high = t
-        step = derivative / (weight * float(share @ share))
+        curvature = weight * float(share @ share)
+        if curvature == 0:  # the direction is zero, and every t the same
+            break
+        step = derivative / curvature
         if abs(step) <= 1e-12 * t:
             break
         t = t - step if low < t - step < high else (low + high) / 2

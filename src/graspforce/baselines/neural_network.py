@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce import reference
-from graspforce._arrays import Array, as_array, as_positive
+from graspforce._arrays import Array, as_array, as_positive, require_instance
 from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._start import infeasible, proved
 from graspforce.errors import MissingExtraError
@@ -73,6 +73,7 @@ def solve(
         InvalidInputError: an option out of range, a start of the wrong shape.
         MissingExtraError: SciPy is not installed.
     """
+    require_instance(problem, "problem", ForceProblem)
     as_positive(tol, "tol")
     most = as_steps(max_steps)
     guess = np.zeros(problem.m) if start is None else as_array(start, "start", (problem.m,))

@@ -28,6 +28,7 @@ import numpy as np
 from graspforce import reference
 from graspforce._arrays import Array, as_array
 from graspforce.baselines._active import Active, answer, as_steps, run
+from graspforce.baselines._conic import Pattern, diagonal
 from graspforce.baselines._lmi import Lmi, dikin_direction, half_square_decrement, line_search
 from graspforce.baselines._start import proved
 from graspforce.errors import InvalidInputError, MissingExtraError
@@ -35,7 +36,8 @@ from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
-PRECISION = 1e-10
+# What Clarabel is asked for, and what is enough where rounding ends its progress before that.
+PRECISION, ENOUGH = 1e-10, 1e-8
 # The objective / barrier of an answer with barrier is at most this much above its minimum.
 NEARNESS = 1e-6
 # Where Clarabel comes only this near, Newton steps do the rest, at most so many.
@@ -74,25 +76,25 @@ def solve(
     if objective not in ("normals", "norm"):
         raise InvalidInputError(f"objective: got {objective!r}, expected 'normals' or 'norm'")
     most = as_steps(max_steps)
-    clarabel, sparse = _libraries()
+    clarabel, linalg = _libraries()
 
     def method(view: Active) -> Solution:
-        return _solve(view, weight, objective, most, clarabel, sparse)
+        return _solve(view, weight, objective, most, clarabel, linalg)
 
     return run(problem, method)
 
 
 def _libraries() -> tuple[Any, Any]:
-    """Import Clarabel and SciPy's sparse matrices, both of which come without types."""
+    """Import Clarabel and SciPy's linear algebra, both of which come without types."""
     try:
         import clarabel  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
     except ImportError:
         raise MissingExtraError("the semidefinite program", "clarabel", "baselines") from None
     try:
-        from scipy import sparse  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
+        from scipy import linalg  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
     except ImportError:
         raise MissingExtraError("the semidefinite program", "scipy", "baselines") from None
-    return clarabel, sparse
+    return clarabel, linalg
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +191,7 @@ def _unit(view: Active, barrier: float) -> float:
 
 
 def _solve(
-    view: Active, weight: float, objective: str, max_steps: int, clarabel: Any, sparse: Any
+    view: Active, weight: float, objective: str, max_steps: int, clarabel: Any, linalg: Any
 ) -> Solution:
     normals = objective == "normals"
     unit = _unit(view, weight if normals else weight**0.5)
@@ -203,22 +205,28 @@ def _solve(
         for of_size in in_x.blocks
         for F0, F in zip(of_size.F0, of_size.F.swapaxes(0, 1), strict=True)
     ]
-    of_own = sparse.block_diag([part.of_own for part in parts])
-    A = -sparse.hstack((np.vstack([part.of_x for part in parts]), of_own)).tocsc()
+    of_own = linalg.block_diag(*[part.of_own for part in parts])
+    A = -np.hstack((np.vstack([part.of_x for part in parts]), of_own))
     own = of_own.shape[1]
     linear = view.normals if normals else c_p
     heavy = max(1.0, weight)
     q = np.concatenate((N.T @ linear, *[-weight * part.profit for part in parts])) / heavy
     square = 0.0 if normals else 1 / heavy
-    Q = sparse.diags(np.repeat([square, 0.0], [len(N.T), own])).tocsc()
+    P = np.repeat([square, 0.0], [len(N.T), own])
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
     settings.max_iter = max_steps
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = PRECISION
+    settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = ENOUGH
+    settings.reduced_tol_feas = ENOUGH
+    # The blocks are too small to gain by it, and Clarabel 0.11 panics on some of them.
+    settings.chordal_decomposition_enable = False
     constant = np.concatenate([part.constant for part in parts])
     cones = [cone for part in parts for cone in part.cones]
-    found = clarabel.DefaultSolver(Q, q, A, constant, cones, settings).solve()
+    found = clarabel.DefaultSolver(
+        diagonal(P), q, Pattern(A != 0).sparse(A), constant, cones, settings
+    ).solve()
 
     word = str(found.status)
     steps = int(found.iterations)
@@ -226,7 +234,7 @@ def _solve(
     if word == "PrimalInfeasible":
         return proved(view, answer(view, Status.STALLED, steps, unit * c_p, np.zeros(len(c_p))))
     failed = Status.MAX_STEPS if word == "MaxIterations" else Status.STALLED
-    solved = word == "Solved"
+    solved = word in ("Solved", "AlmostSolved")
     if weight:
         # The barrier's Hessian is at hand, so the forces are judged by themselves: Clarabel's
         # exponential cones sometimes end short of the precision asked for, and a Newton step or

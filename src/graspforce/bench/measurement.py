@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from graspforce._arrays import Array
+from graspforce._util.atomic import replacing
 from graspforce.errors import InvalidInputError
-from graspforce.files import replacing
 from graspforce.report.machine import describe_machine
 
 PERCENTILES = (50.0, 99.0, 99.9)
@@ -70,14 +70,19 @@ class Run:
         return next((r.p50 for r in self.rows if (r.group, r.name) == (group, name)), None)
 
     def save(self, path: Path) -> None:
-        """Write the run as JSON."""
+        """Write the run as JSON.
+
+        Raises:
+            OSError: the file cannot be written; what it held before is still there.
+        """
         content = {
             "machine": self.machine,
             "date": self.date,
             "rows": [vars(row) for row in self.rows],
         }
         with replacing(path) as temporary:
-            temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+            text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+            temporary.write_text(text, encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> Run:
@@ -89,6 +94,8 @@ class Run:
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
             rows = tuple(Row(**row) for row in content["rows"])
+            if not all(row.p50 > 0 for row in rows):
+                raise ValueError("a time that is none")
             return cls(rows, content["machine"], content["date"])
         except OSError as error:
             raise InvalidInputError(f"{path}: cannot read it: {error.strerror}") from error

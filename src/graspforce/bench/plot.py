@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+from graspforce._util.atomic import replacing
 from graspforce.bench import peers
 from graspforce.bench.measurement import Run
 from graspforce.figures import style
-from graspforce.files import replacing
 
 _ROW, _REST = 0.24, 1.2  # [inch]
 
@@ -20,6 +21,7 @@ def draw(run: Run, path: Path) -> None:
 
     Raises:
         MissingExtraError: matplotlib is missing.
+        OSError: the file cannot be written; what it held before is still there.
     """
     lines: list[tuple[str, float, float, str] | str] = []
     group = None
@@ -52,5 +54,6 @@ def draw(run: Run, path: Path) -> None:
     axes.grid(axis="x", which="major", color=style.LIGHT)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
+    kind: Any = path.suffix[1:].lower()
     with replacing(path) as temporary:
-        figure.savefig(temporary, format=path.suffix[1:], dpi=150)
+        temporary.write_bytes(style.render(figure, kind))

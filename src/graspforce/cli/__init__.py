@@ -1,22 +1,36 @@
 """The command ``graspforce``: the library's main jobs from a terminal.
 
 Thin: every command reads its arguments, calls the library, and prints a table. Exit codes: 0
-when the job was done, infeasible grasps included; 2 when an argument or a file is wrong, with
-one line on stderr that says which.
+when the job was done, infeasible grasps included; 2 when an argument or a file is wrong, or when
+something cannot be written, standard output included, with one line on stderr that says which; 1
+when nobody reads the output any more; 130, 143, … when a signal ended it.
 
 A command is a file here, with its function, its EXAMPLES and what it prints, and a line below.
 """
 
 from __future__ import annotations
 
-import sys
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from graspforce.cli import bench, compare, reproduce, scenario, simulate, solve
+from graspforce.cli.process import as_command
+from graspforce.cli.terminal import one_line_errors, show
+
+
+class _Commands(TyperGroup):
+    """The commands, whose errors are one line each."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Parse the arguments of a command and run it."""
+        with one_line_errors():
+            return super().invoke(ctx)
+
 
 app = typer.Typer(
+    cls=_Commands,
     no_args_is_help=True,
     add_completion=False,
     # Plain help and errors: they stay whole in a pipe, in a log and in a narrow terminal.
@@ -27,11 +41,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Run the command line; what ``graspforce`` and ``python -m graspforce`` call."""
-    reconfigure: Any = getattr(sys.stdout, "reconfigure", None)
-    if reconfigure is not None:
-        # A character that the terminal's encoding lacks must not cost the table.
-        reconfigure(errors="replace")
-    app(prog_name="graspforce")
+    with as_command():
+        app(prog_name="graspforce")
 
 
 def _examples(*lines: str) -> str:
@@ -43,7 +54,7 @@ def _version(wanted: bool) -> None:
     if wanted:
         import graspforce
 
-        typer.echo(f"graspforce {graspforce.__version__}")
+        show(f"graspforce {graspforce.__version__}")
         raise typer.Exit
 
 

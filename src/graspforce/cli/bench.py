@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from graspforce.cli.terminal import one_line_errors, status_line, stdout_console
+from graspforce.cli.terminal import reporting, show, status_line
 
 if TYPE_CHECKING:
     from graspforce.bench import Run
@@ -34,25 +34,24 @@ def bench(
     Every solver of the extra 'solvers' that is installed is timed on the same problems, and ECOS,
     Moreau and cvxpy where they are. Times are in microseconds.
     """
-    with one_line_errors():
-        from graspforce import bench as benchmarks
-        from graspforce import files
+    from graspforce import bench as benchmarks
+    from graspforce import files
 
-        before = None if compare is None else benchmarks.Run.load(compare)
-        for path, suffixes in ((save, (".json",)), (plot, (".png", ".svg", ".pdf"))):
-            if path is not None:
-                files.check_output(path, suffixes)
-        with status_line("timing") as tell:
-            run = benchmarks.measure(effort, lambda done: tell(f"timed: {done.group}, {done.name}"))
-        _report_run(run, before)
+    before = None if compare is None else benchmarks.Run.load(compare)
+    for path, suffixes in ((save, (".json",)), (plot, (".png", ".svg", ".pdf"))):
+        if path is not None:
+            files.check_output(path, suffixes)
+    with status_line("timing") as update:
+        run = benchmarks.measure(effort, lambda done: update(f"timed: {done.group}, {done.name}"))
+    with reporting(lambda: _report_run(run, before)) as tell:
         if save is not None:
             run.save(save)
-            typer.echo(f"The run is in {save}")
+            tell(f"The run is in {save}")
         if plot is not None:
             from graspforce.bench.plot import draw
 
             draw(run, plot)
-            typer.echo(f"The picture is {plot}")
+            tell(f"The picture is {plot}")
 
 
 def _report_run(run: Run, before: Run | None) -> None:
@@ -76,10 +75,9 @@ def _report_run(run: Run, before: Run | None) -> None:
             then = before.p50(row.group, row.name)
             cells += ["–", "–"] if then is None else [f"{then:.2f}", f"{row.p50 / then:.2f}"]
         table.add_row(f"  {row.name}", *cells)
-    console = stdout_console()
-    console.print(table)
     machine = run.machine
-    console.print(
+    show(
+        table,
         f"{machine['cpu']}, {machine['cores']} cores, Python {machine['python']}, "
-        f"NumPy {machine['numpy']}, {run.date}"
+        f"NumPy {machine['numpy']}, {run.date}",
     )

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from graspforce.cli.terminal import one_line_errors, stage_bars, stdout_console
+from graspforce.cli.terminal import reporting, show, stage_bars
 
 EXAMPLES = (
     "graspforce compare regrasp --method wbf --method compact_dual",
@@ -42,21 +42,22 @@ def compare(
     from the tick before. Slow methods run a part of the ticks. Methods whose package is not
     installed are listed with the pip line.
     """
-    with one_line_errors():
-        from graspforce import compare as comparing
-        from graspforce.compare import output
-        from graspforce.report.machine import describe_run
+    from graspforce import compare as comparing
+    from graspforce.compare import output
+    from graspforce.report.machine import describe_run
 
-        if out is not None:
-            output.prepare(out)
-        tasks = comparing.SCENARIOS if task is None else (task,)
-        with stage_bars() as progress:
-            found = comparing.compare(tasks, method, whole, progress)
-        console = stdout_console()
-        for each in found.tasks:
-            console.print(output.table(found, each.name))
+    if out is not None:
+        output.prepare(out)
+    tasks = comparing.SCENARIOS if task is None else (task,)
+    with stage_bars() as progress:
+        found = comparing.compare(tasks, method, whole, progress)
+
+    def report() -> None:
+        show(*(output.TaskTable(found, each.name) for each in found.tasks))
         for claim in found.claims():
-            console.print(f"The paper: {claim.paper}\nMeasured:  {claim.measured}\n")
+            show(f"The paper: {claim.paper}", f"Measured:  {claim.measured}", "")
+
+    with reporting(report) as tell:
         if out is not None:
             output.write(found, out, describe_run())
-            typer.echo(f"Everything about it is in {out}")
+            tell(f"Everything about it is in {out}")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from graspforce.cli.terminal import one_line_errors, stage_bars
+from graspforce.cli.terminal import show, stage_bars
 
 EXAMPLES = (
     "graspforce reproduce",
@@ -22,11 +22,10 @@ def reproduce(
 ) -> None:
     """Run Section IV of the paper, also in physics: figures 4 to 12, results.json, report.html.
 
-    Needs the extras: pip install 'graspforce[figures,sim]'.
+    Needs the extras 'figures' and 'sim': in a checkout, pip install '.[figures,sim]'.
     """
-    with one_line_errors():
-        from graspforce import report
+    from graspforce import report
 
-        with stage_bars() as progress:
-            page = report.reproduce(out, progress)
-        typer.echo(f"The report is {page}")
+    with stage_bars() as progress:
+        page = report.reproduce(out, progress)
+    show(f"The report is {page}", wrap=False)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from graspforce.cli.terminal import counts, one_line_errors, progress_bar, stdout_console
+from graspforce.cli.terminal import counts, progress_bar, reporting, show
 from graspforce.errors import InvalidInputError
 from graspforce.outcome import Status
 
@@ -40,20 +41,18 @@ def scenario(
     Each holds the cube of Section IV with the paper's hand for 2 s at 250 Hz: at rest (static),
     round a circle (dynamic), round the circle with one finger away for a while (regrasp).
     """
-    with one_line_errors():
-        from graspforce import files, scenarios
+    from graspforce import files, scenarios
 
-        chosen = scenarios.get(name, **({} if alpha is None else {"alpha": alpha}))
-        path = out or Path(f"{name}.csv")
-        files.check_output(path, (".csv",))
-        if out is None and path.exists():
-            raise InvalidInputError(f"{path}: exists already; name it with --out to replace it")
-        with progress_bar(len(chosen.times), name) as advance:
-            log = scenarios.run(chosen, progress=advance)
-        with files.replacing(path) as temporary:
-            log.write_csv(temporary)
-        _report_log(log)
-        typer.echo(f"Every tick is in {path}")
+    chosen = scenarios.get(name) if alpha is None else scenarios.get(name, alpha=alpha)
+    path = out or Path(f"{name}.csv")
+    files.check_output(path, (".csv",))
+    if out is None and os.path.lexists(path):
+        raise InvalidInputError(f"{path}: exists already; name it with --out to replace it")
+    with progress_bar(len(chosen.times), name) as advance:
+        log = scenarios.run(chosen, progress=advance)
+    with reporting(lambda: _report_log(log)) as tell:
+        log.write_csv(path)
+        tell(f"Every tick is in {path}")
 
 
 def _report_log(log: Log) -> None:
@@ -76,9 +75,10 @@ def _report_log(log: Log) -> None:
         kept = values[solved]
         ends = [f"{kept.min():.4g}", f"{kept.max():.4g}"] if kept.size else ["–", "–"]
         table.add_row(what, *ends)
-    console = stdout_console()
-    console.print(f"{log.scenario.name}: {log.scenario.summary}")
-    console.print(table)
     one = int((log.newton_steps[solved] == 1).sum())
     ticks = counts("tick", (Status(each) for each in log.status))
-    console.print(f"{ticks}; {one} in one Newton step")
+    show(
+        f"{log.scenario.name}: {log.scenario.summary}",
+        table,
+        f"{ticks}; {one} in one Newton step",
+    )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from graspforce.cli.terminal import one_line_errors, stage_bars, stdout_console
+from graspforce.cli.terminal import reporting, show, stage_bars
 from graspforce.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -50,35 +50,34 @@ def simulate(
     The table shows, for each trial, how it ended, the largest errors of the object's pose, the
     farthest way that a fingertip slipped, the largest share of its limit that a joint torque
     took, and the mean number of Newton steps. Dropped objects are listed as such, and are no
-    error. Needs the extra: pip install 'graspforce[sim]'.
+    error. Needs the extra 'sim': in a checkout, pip install '.[sim]'.
     """
-    with one_line_errors():
-        from graspforce import sim
+    from graspforce import sim
 
-        trials = sim.get(name, **dict(_setting(each) for each in changes or ()))
-        if len(trials) > 1 and (log or video):
-            raise InvalidInputError(
-                f"{'--log' if log else '--video'}: {name} makes {len(trials)} trials, expected "
-                "one; choose it with --set"
-            )
-        if log is not None:
-            sim.check_log_file(log)
-        if video is not None:
-            sim.check_video_file(video)
-        results: list[tuple[Trial, Log]] = []
-        with stage_bars() as progress:
-            for trial in trials:
-                run = sim.run(trial, lambda tick, t=trial: progress(t.name, tick + 1, t.ticks))
-                results.append((trial, run))
-        _report_trials(results)  # before the files, which may fail to come about
-        first, run = results[0]
+    trials = sim.get(name, **dict(_setting(each) for each in changes or ()))
+    if len(trials) > 1 and (log or video):
+        raise InvalidInputError(
+            f"{'--log' if log else '--video'}: {name} makes {len(trials)} trials, expected "
+            "one; choose it with --set"
+        )
+    if log is not None:
+        sim.check_log_file(log)
+    if video is not None:
+        sim.check_video_file(video)
+    results: list[tuple[Trial, Log]] = []
+    with stage_bars() as progress:
+        for trial in trials:
+            run = sim.run(trial, lambda tick, t=trial: progress(t.name, tick + 1, t.ticks))
+            results.append((trial, run))
+    first, run = results[0]
+    with reporting(lambda: _report_trials(results)) as tell:
         if log is not None:
             run.save(log)
-            typer.echo(f"Every tick is in {log}")
+            tell(f"Every tick is in {log}")
         if video is not None:
             with stage_bars() as progress:
                 sim.save_video(first, run, video, lambda done, total: progress("film", done, total))
-            typer.echo(f"The film is in {video}")
+            tell(f"The film is in {video}")
 
 
 def _setting(text: str) -> tuple[str, Any]:
@@ -117,10 +116,8 @@ def _report_trials(results: Sequence[tuple[Trial, Log]]) -> None:
             f"{log.newton_steps.mean():.2f}",
             str(log.regrasps),
         )
-    console = stdout_console()
-    for words in dict.fromkeys(trial.summary for trial, _ in results):
-        console.print(words)
-    console.print(table)
-    for trial, log in results:
-        if not log.held:
-            console.print(Text(f"{trial.name}: {log.ending.value} {log.message}"))
+    show(
+        *dict.fromkeys(trial.summary for trial, _ in results),
+        table,
+        *(f"{t.name}: {log.ending.value} {log.message}" for t, log in results if not log.held),
+    )

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from graspforce.cli.terminal import (
-    counts,
-    one_line_errors,
-    printable,
-    progress_bar,
-    stdout_console,
-    words,
-)
+from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, words
 from graspforce.errors import InvalidInputError
 from graspforce.outcome import Status
 
@@ -59,43 +53,41 @@ def solve(
     distance to slipping, mu n − |tangential force|, the smallest distance of a joint torque to
     its limit, and the Newton steps. Infeasible grasps are listed as such, and are no error.
     """
-    with one_line_errors():
-        from graspforce import _arrays, files
-        from graspforce.settings import Settings
-        from graspforce.solve import solve as solve_problem
+    from graspforce import _arrays, files
+    from graspforce.settings import Settings
+    from graspforce.solve import solve as solve_problem
 
-        given = {"alpha": alpha, "c_max": c_max}
-        changes = {
-            key: _arrays.as_positive(value, "--" + key.replace("_", "-"))
-            for key, value in given.items()
-            if value is not None
-        }
-        settings = Settings(tol=tol)
-        if out is not None:
-            files.check_output(out)
-            if out.resolve() == file.resolve():
-                raise InvalidInputError(f"--out: got {out}, the file of grasps itself")
-        grasps = _changed(files.read(file), changes, file)
-        results: list[NamedSolution] = []
-        with progress_bar(len(grasps), "solving") as advance:
-            for index, (name, problem) in enumerate(grasps):
-                results.append(files.NamedSolution(name, solve_problem(problem, settings)))
-                advance(index)
-        try:
-            if out is not None:
-                files.write(out, results)
-        finally:
-            _report(results)
-        unused = files.unused_keys(file)
+    given = {"alpha": alpha, "c_max": c_max}
+    changes = {
+        key: _arrays.as_positive(value, "--" + key.replace("_", "-"))
+        for key, value in given.items()
+        if value is not None
+    }
+    settings = Settings(tol=tol)
+    if out is not None:
+        files.check_output(out)
+        if os.path.realpath(out) == os.path.realpath(file):
+            raise InvalidInputError(f"--out: got {out}, the file of grasps itself")
+    grasps = _changed(files.read(file), changes, file)
+    unused = files.unused_keys(file)
+    results: list[NamedSolution] = []
+    with progress_bar(len(grasps), "solving") as advance:
+        for index, (name, problem) in enumerate(grasps):
+            results.append(files.NamedSolution(name, solve_problem(problem, settings)))
+            advance(index)
+
+    def report() -> None:
+        _report(results)
         if unused:
-            typer.echo(f"Keys of {file} that were not read: {', '.join(unused)}")
+            show(f"Keys of {file} that were not read: {', '.join(unused)}")
+
+    with reporting(report) as tell:
         if out is not None:
-            typer.echo(f"Everything about them is in {out}")
+            files.write(out, results)
+            tell(f"Everything about them is in {out}")
 
 
-def _changed(
-    grasps: list[NamedProblem], changes: dict[str, float], file: Path
-) -> list[NamedProblem]:
+def _changed(grasps: list[NamedProblem], changes: dict[str, Any], file: Path) -> list[NamedProblem]:
     """Return the grasps with the options of the command line in place of the file's."""
     from graspforce.files import NamedProblem
     from graspforce.files.named import place
@@ -111,18 +103,13 @@ def _changed(
 
 def _report(results: list[NamedSolution]) -> None:
     """Print the table, the messages of grasps without an answer, and the counts."""
-    from rich.text import Text
-
-    console = stdout_console()
-    console.print(_table(results))
     failed = [
         (name, solution) for name, solution in results if solution.status is not Status.SOLVED
     ]
-    for name, solution in failed[:MESSAGES]:
-        console.print(Text(f"{printable(name)}: {solution.message}"))
+    lines = [f"{name}: {solution.message}" for name, solution in failed[:MESSAGES]]
     if len(failed) > MESSAGES:
-        console.print(f"… and {len(failed) - MESSAGES} more without an answer")
-    console.print(counts("grasp", (solution.status for _, solution in results)))
+        lines.append(f"… and {len(failed) - MESSAGES} more without an answer")
+    show(_table(results), *lines, counts("grasp", (solution.status for _, solution in results)))
 
 
 def _table(results: list[NamedSolution]) -> Table:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from graspforce._util.atomic import check_writable, make_folder, replacing
 from graspforce.compare import Comparison
 from graspforce.compare.draw import draw_forces, draw_times
 from graspforce.compare.measure import Measured
-from graspforce.errors import InvalidInputError
 from graspforce.figures import style
-from graspforce.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.console import Console, ConsoleOptions, RenderResult
     from rich.table import Table
+
+NAME = "comparison.json"
 
 HEADINGS = (
     "ran", "cold\n[µs]", "warm\n[µs]", "iterations\ncold, warm", "kflop\na step", "kflop\na solve",
@@ -25,26 +29,56 @@ HEADINGS = (
 )  # fmt: skip
 
 
-def table(found: Comparison, task: str) -> Table:
-    """Return the rows of a task as a table for the terminal."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
+@dataclass(frozen=True, slots=True)
+class TaskTable:
+    """The rows of a task for a terminal, in as many tables as it is too narrow for one.
 
-    # Text is printed as it stands; brackets in a plain string would be taken for markup.
-    shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True, title=Text(task),
-                  title_justify="left", caption_justify="left")  # fmt: skip
-    shown.add_column("method", no_wrap=True)
-    for heading in HEADINGS:
-        shown.add_column(Text(heading), justify="right", overflow="fold")
-    missing: list[str] = []
-    for row in found.rows:
-        if row.task == task and row.missing is None:
-            shown.add_row(row.method, *cells(row))
-        elif row.task == task:
-            missing.append(f"{row.method}: {row.missing}")
-    shown.caption = Text("\n".join(missing)) if missing else None
-    return shown
+    Args:
+        found: what was measured.
+        task: the task's name.
+    """
+
+    found: Comparison
+    task: str
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the title, tables of as many columns as fit side by side, what is missing."""
+        from rich.text import Text
+
+        # Text is printed as it stands; brackets in a plain string would be taken for markup.
+        yield Text(self.task, style="italic")
+        wide = options.update(max_width=10_000)
+        left = 0
+        while left < len(HEADINGS):
+            right = left + 1
+            while right < len(HEADINGS):
+                wider = self._columns(left, right + 1)
+                if console.measure(wider, options=wide).maximum > options.max_width:
+                    break
+                right += 1
+            yield self._columns(left, right)
+            left = right
+        for row in self._rows():
+            if row.missing is not None:
+                yield Text(f"{row.method}: {row.missing}", style="dim italic")
+
+    def _rows(self) -> list[Measured]:
+        return [row for row in self.found.rows if row.task == self.task]
+
+    def _columns(self, left: int, right: int) -> Table:
+        """Return a table of the methods and some of the columns under ``HEADINGS``."""
+        from rich import box
+        from rich.table import Table
+        from rich.text import Text
+
+        shown = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+        shown.add_column("method", no_wrap=True)
+        for heading in HEADINGS[left:right]:
+            shown.add_column(Text(heading), justify="right", overflow="fold")
+        for row in self._rows():
+            if row.missing is None:
+                shown.add_row(row.method, *cells(row)[left:right])
+        return shown
 
 
 def cells(row: Measured) -> list[str]:
@@ -84,16 +118,12 @@ def prepare(folder: Path) -> None:
     """Make the folder, and find a missing matplotlib, before the work.
 
     Raises:
-        InvalidInputError: it is no folder to write into.
+        InvalidInputError: it is no folder to write into, or holds something else by the name of the
+            comparison.
         MissingExtraError: matplotlib is not installed.
     """
     style.new_figure()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInputError(
-            f"out: got {folder}, expected a folder to write into ({error.strerror})"
-        ) from error
+    check_writable(make_folder(folder, "out") / NAME)
 
 
 def write(found: Comparison, folder: Path, about: dict[str, Any]) -> None:
@@ -103,9 +133,13 @@ def write(found: Comparison, folder: Path, about: dict[str, Any]) -> None:
         found: what to write.
         folder: where to.
         about: date, machine and versions, for the head of the JSON.
+
+    Raises:
+        OSError: a file cannot be written; what it held before is still there.
     """
-    with replacing(folder / "comparison.json") as temporary:
-        temporary.write_text(found.to_json(about), encoding="utf-8")
+    with replacing(folder / NAME) as temporary:
+        text = found.to_json(about)  # a file name may hold what UTF-8 has no bytes for
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     for stem, picture in pictures(found).items():
         with replacing(folder / f"{stem}.png") as temporary:
             temporary.write_bytes(style.render(picture, "png"))
@@ -115,7 +149,8 @@ def pictures(found: Comparison) -> dict[str, Figure]:
     """Return the plots by the stems of their files' names."""
     drawn: dict[str, Figure] = {}
     for task in found.tasks:
-        stem = Path(task.name).stem
+        # A name has at most 255 bytes, and this one gets longer.
+        stem = os.fsdecode(os.fsencode(Path(task.name).stem)[:240])
         drawn[f"times_{stem}"] = draw_times(found, task.name)
         if task.t is not None:
             drawn[f"forces_{stem}"] = draw_forces(found, task.name)

@@ -8,7 +8,7 @@ scenario serves every figure whose ``SOURCE`` it is:
 >>> shown = figures.fig04_normal_forces_alpha.data(scenarios.sweep_alpha())
 >>> figure = figures.fig04_normal_forces_alpha.draw(shown)
 
-Only ``draw`` needs matplotlib: ``pip install 'graspforce[figures]'``.
+Only ``draw`` needs matplotlib, of the extra ``figures``.
 """
 
 from __future__ import annotations

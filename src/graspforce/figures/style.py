@@ -189,7 +189,7 @@ def _spans(t: Array, when: np.ndarray[Any, np.dtype[np.bool_]]) -> list[tuple[fl
     ]
 
 
-def render(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
+def render(figure: Figure, kind: Literal["png", "svg", "pdf"]) -> bytes:
     """Return the figure as a file's bytes; the same figure gives the same bytes."""
     import matplotlib as mpl
 

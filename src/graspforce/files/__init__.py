@@ -15,7 +15,7 @@ file, the place in it, what came and what was expected. Nothing is ever unpickle
 
 from __future__ import annotations
 
-from graspforce.files.atomic import replacing
+from graspforce._util.atomic import replacing
 from graspforce.files.json_grasps import schema
 from graspforce.files.named import NamedProblem, NamedSolution
 from graspforce.files.npz_grasps import unused_keys

@@ -1,7 +1,9 @@
 """Write results: JSON for programs, CSV for spreadsheets, NPZ for arrays, with the same fields.
 
 Each result is made a flat record first (texts, numbers and vectors by name); the three writers
-differ only in how they lay a list of records down.
+differ only in how they lay a list of records down. A name may hold a lone surrogate, from JSON or
+from a file name that is not UTF-8, for which UTF-8 has no bytes: JSON and CSV hold its escape
+sequence, backslash, u and four digits, which JSON readers turn back.
 """
 
 from __future__ import annotations
@@ -16,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from graspforce._arrays import Array
+from graspforce._util.atomic import check_writable, replacing
 from graspforce.errors import InvalidInputError
-from graspforce.files.atomic import replacing
 from graspforce.solution import Solution
 
 _TEXTS = ("name", "status", "message")
@@ -39,7 +41,7 @@ def write(path: str | Path, results: Sequence[tuple[str, Solution]]) -> None:
         results: ``(name, solution)`` pairs, in the order in which they shall stand.
 
     Raises:
-        InvalidInputError: another ending, or a directory that is not there.
+        InvalidInputError: another ending, or a place that :func:`check_output` refuses.
         OSError: the file cannot be written; what it held before is still there.
     """
     check_output(path)
@@ -56,8 +58,8 @@ def check_output(path: str | Path, endings: Sequence[str] = (".json", ".npz", ".
         endings: of the file's name, those that will do.
 
     Raises:
-        InvalidInputError: another ending, a directory, or a place in a directory that is not
-            there.
+        InvalidInputError: another ending; a directory, a socket or a block device; a file or
+            folder that must not be written to, or a folder that is not there.
     """
     path = Path(path)
     if path.suffix.lower() not in endings:
@@ -65,10 +67,7 @@ def check_output(path: str | Path, endings: Sequence[str] = (".json", ".npz", ".
             f"{path}: got a file name ending in {path.suffix!r}, expected one in "
             f"{' or '.join(endings)}"
         )
-    if path.is_dir():
-        raise InvalidInputError(f"{path}: got a directory, expected a file to write")
-    if not path.resolve().parent.is_dir():
-        raise InvalidInputError(f"{path}: the directory {path.parent} does not exist")
+    check_writable(path)
 
 
 def _record(name: str, solution: Solution) -> dict[str, Any]:
@@ -103,14 +102,15 @@ def _write_json(path: Path, records: list[dict[str, Any]]) -> None:
         document |= vectors
         document["certificate"] = {"y": y, "z": z} if y else None
         lines.append(json.dumps(document, ensure_ascii=False, allow_nan=False))
-    path.write_text('{"results": [\n' + ",\n".join(lines) + "\n]}\n", encoding="utf-8")
+    text = '{"results": [\n' + ",\n".join(lines) + "\n]}\n"
+    path.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def _write_csv(path: Path, records: list[dict[str, Any]]) -> None:
     sizes = {field: max((len(r[field]) for r in records), default=0) for field in _VECTORS}
     header = [*_TEXTS, *_NUMBERS]
     header += [f"{field}_{index}" for field in _VECTORS for index in range(sizes[field])]
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with path.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
         rows = csv.DictWriter(file, header, restval="")
         rows.writeheader()
         for record in records:

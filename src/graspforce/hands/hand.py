@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array
-from graspforce.contact import Contact
+from graspforce._arrays import Array, as_array, as_tuple, require_instance
+from graspforce.contact import Contact, contact_starts
 
 
 @runtime_checkable
@@ -96,13 +96,23 @@ def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuatio
     """Return what a hand brings into the force problem; the weight of its links is left out.
 
     Raises:
-        InvalidInputError: q has not as many angles as the hand asks for.
+        InvalidInputError: no hand; q has not as many angles as the hand asks for; the hand's
+            Jacobian or limits have wrong shapes.
     """
+    require_instance(
+        hand, "hand", Hand, "a Hand: joint_names, tau_lo, tau_hi and jacobian(contacts, q)"
+    )
     underactuated = isinstance(hand, UnderactuatedHand)
-    q = as_array(q, "q", (len(hand.q_names if underactuated else hand.joint_names),))
-    J = hand.jacobian(contacts, q)
-    passive = hand.passive_rows(contacts, q) if underactuated else np.zeros((0, J.shape[0]))
+    joints = as_tuple(hand.joint_names, "hand.joint_names", str)
+    names = as_tuple(hand.q_names, "hand.q_names", str) if underactuated else joints
+    q = as_array(q, "q", (len(names),))
+    m = contact_starts([contact.model for contact in contacts])[-1]
+    J = as_array(hand.jacobian(contacts, q), "hand.jacobian", (m, len(joints)))
+    tau_lo, tau_hi = (
+        as_array(getattr(hand, name), f"hand.{name}", (len(joints),), broadcast=True)
+        for name in ("tau_lo", "tau_hi")
+    )
+    passive = hand.passive_rows(contacts, q) if underactuated else np.zeros((0, m))
     return Actuation(
-        hand.joint_names, J, hand.tau_lo, hand.tau_hi, np.zeros(J.shape[1]),
-        passive, np.zeros(len(passive)),
-    )  # fmt: skip
+        joints, J, tau_lo, tau_hi, np.zeros(len(joints)), passive, np.zeros(len(passive))
+    )

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array
+from graspforce._arrays import Array, as_array, as_tuple, came, require_instance
 from graspforce.contact import Contact, as_contacts
 from graspforce.errors import InvalidInputError, ModelImportError
 from graspforce.hands.posture import (
@@ -82,7 +82,7 @@ class ImportedHand:
         Raises:
             InvalidInputError: neither a finger nor a link of the file.
         """
-        return replace(self, made_by=tuple(self._link(name) for name in names))
+        return replace(self, made_by=tuple(map(self._link, as_tuple(names, "names", str))))
 
     def fingertip_positions(self, q: ArrayLike) -> Array:
         """Return the origins of the fingertips' links, shape (n_fingers, 3) [m], at q."""
@@ -142,6 +142,7 @@ def as_link(name: str, argument: str, links: Sequence[str]) -> str:
     Raises:
         InvalidInputError: it is not; the text lists those that there are.
     """
+    require_instance(name, argument, str)
     if name not in links:
         raise InvalidInputError(
             f"{argument}: got {name!r}, which is none of the model's links; expected one of "
@@ -161,11 +162,12 @@ def as_fingertips(
     several = isinstance(fingertips, Sequence | Mapping) and not isinstance(fingertips, str)  # pyright: ignore[reportUnnecessaryIsInstance]
     if not several or not fingertips:
         raise InvalidInputError(
-            f"fingertips: got {fingertips!r}, expected names of at least one link, as a list or "
-            f"a mapping from the fingers' names"
+            f"fingertips: got {came(fingertips)}, expected names of at least one link, as a list "
+            "or a mapping from the fingers' names"
         )
     if not isinstance(fingertips, Mapping):
-        twice = {name for name in fingertips if list(fingertips).count(name) > 1}
+        fingertips = as_tuple(fingertips, "fingertips", str)
+        twice = {name for name in fingertips if fingertips.count(name) > 1}
         if twice:
             raise InvalidInputError(
                 f"fingertips: got {min(twice)!r} twice, expected each finger once; "

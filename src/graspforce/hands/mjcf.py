@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
-from graspforce.errors import InvalidInputError, ModelImportError
+from graspforce._arrays import Array, came
+from graspforce.errors import InvalidInputError, ModelImportError, warn
 from graspforce.hands.imported import (
     ImportedHand,
     as_fingertips,
@@ -30,7 +30,7 @@ from graspforce.hands.mujoco_model import (
     name_of,
     what_moves,
 )
-from graspforce.hands.posture import actuate, warn
+from graspforce.hands.posture import actuate
 
 
 def from_mjcf(
@@ -53,7 +53,7 @@ def from_mjcf(
     Returns:
         The hand, contacts in the frame of the model's world. What should not be believed
         silently (implausible limits, motions that nothing controls) is in ``notes`` and is a
-        UserWarning.
+        GraspForceWarning.
 
     Raises:
         MissingExtraError: MuJoCo is not installed.
@@ -77,7 +77,7 @@ def from_mjcf(
         model, moved.dofs, hand.drives, _joints(model, moved.dofs.tolist(), hand.joint_names),
         _links(model, moved.dofs, drive_rows(model, data, candidates)),
     )  # fmt: skip
-    warn(hand.doubts, stacklevel=2)
+    warn(*hand.doubts)
     return ImportedHand(
         hand.joint_names, robot.q_names, hand.tau_lo, hand.tau_hi, fingers, tips,
         tuple(tips.values()), (*hand.doubts, *hand.notes, *motor_notes), robot,
@@ -135,7 +135,7 @@ def _load(source: Any) -> Any:
     if isinstance(source, mj.MjModel):
         return source
     if not isinstance(source, str | Path):
-        raise InvalidInputError(f"source: got {source!r}, expected a path or an mujoco.MjModel")
+        raise InvalidInputError(f"source: got {came(source)}, expected a path or an mujoco.MjModel")
     path = Path(source)
     if not path.is_file():
         raise ModelImportError(f"{path}: there is no such file")

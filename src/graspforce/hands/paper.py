@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_positive
+from graspforce._arrays import Array, as_array, as_positive, require_choice
 from graspforce.contact import FPC, SFC, Contact, as_contacts
 from graspforce.errors import InvalidInputError
 
@@ -75,17 +75,16 @@ class PaperHand:
     tau_max: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.base_axis not in ("palm_normal", "radial"):
-            raise InvalidInputError(
-                f"base_axis: got {self.base_axis!r}, expected 'palm_normal' or 'radial'"
-            )
+        require_choice(self.base_axis, "base_axis", ("palm_normal", "radial"))
         if isinstance(self.elbow, list):  # a tuple hashes
             object.__setattr__(self, "elbow", tuple(self.elbow))
         branches = self._branches
-        if len(branches) != 4 or any(each not in ("outward", "inward") for each in branches):
+        if len(branches) != 4:
             raise InvalidInputError(
-                f"elbow: got {self.elbow!r}, expected 'outward', 'inward' or four of these"
+                f"elbow: got {len(branches)}, expected 'outward', 'inward' or four of these"
             )
+        for branch in branches:
+            require_choice(branch, "elbow", ("outward", "inward"))
         for name in ("link", "half_width"):
             object.__setattr__(self, name, as_positive(getattr(self, name), name, "m"))
         object.__setattr__(self, "tau_max", as_positive(self.tau_max, "tau_max", "N·m"))

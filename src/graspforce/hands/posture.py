@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -114,12 +113,6 @@ def idle_notes(idle: Sequence[str]) -> list[str]:
         f"the file gives {name!r} no torque at all: taken as without a motor; tau_max gives it one"
         for name in idle
     ]
-
-
-def warn(doubts: Sequence[str], stacklevel: int) -> None:
-    """Warn of what a user should not overlook, from where ``stacklevel`` says."""
-    for doubt in doubts:
-        warnings.warn(doubt, UserWarning, stacklevel=stacklevel + 1)
 
 
 def full_jacobian(contacts: Sequence[Contact], twists: Iterable[Array]) -> Array:

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
-from graspforce.errors import ModelImportError
+from graspforce._arrays import Array, require_instance
+from graspforce.errors import ModelImportError, warn
 from graspforce.hands.imported import (
     ImportedHand,
     as_fingertips,
@@ -28,7 +28,7 @@ from graspforce.hands.pinocchio_model import (
     pinocchio_module,
     what_moves,
 )
-from graspforce.hands.posture import actuate, warn
+from graspforce.hands.posture import actuate
 
 
 def from_urdf(
@@ -50,7 +50,7 @@ def from_urdf(
 
     Returns:
         The hand, contacts in the frame of the root link. What should not be believed silently
-        (implausible limits, joints without a motor) is in ``notes`` and is a UserWarning.
+        (implausible limits, joints without a motor) is in ``notes`` and is a GraspForceWarning.
 
     Raises:
         MissingExtraError: Pinocchio is not installed.
@@ -58,6 +58,7 @@ def from_urdf(
             without a torque limit; a joint that mimics one that is not there.
         InvalidInputError: a fingertip or a name in tau_max that is not there.
     """
+    require_instance(path, "path", str | Path, "a path")
     path = Path(path)
     pin = pinocchio_module()
     mimics = _mimics(path)
@@ -83,7 +84,7 @@ def from_urdf(
     fingers = fingers_of(hand, tips)
     free = tuple(name for name in hand.posture.dof_names if name not in following)
     robot = PinocchioRobot(model, dofs, hand.drives, couplings, free, mimics)
-    warn(hand.doubts, stacklevel=2)
+    warn(*hand.doubts)
     return ImportedHand(
         hand.joint_names, free, hand.tau_lo, hand.tau_hi, fingers, tips, tuple(tips.values()),
         (*hand.doubts, *hand.notes), robot,

@@ -15,7 +15,6 @@ import dataclasses
 import json
 import math
 import re
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias, cast
@@ -23,10 +22,9 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from graspforce import compare, scenarios
+from graspforce._util.atomic import check_writable, make_folder, replacing
 from graspforce.compare import output
-from graspforce.errors import InvalidInputError
 from graspforce.figures import FIGURES, PaperFigure, grasp_picture, style
-from graspforce.files import replacing
 from graspforce.outcome import Status
 from graspforce.report.machine import describe_run
 from graspforce.report.page import EQUATIONS, template
@@ -54,7 +52,9 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
         The path of ``report.html``.
 
     Raises:
-        InvalidInputError: ``out`` is no folder to write into.
+        InvalidInputError: ``out`` is no folder to write into, or holds something else by the name
+            of the report or the numbers.
+        OSError: a file cannot be written; what it held before is still there.
         MissingExtraError: matplotlib, jinja2, mujoco or imageio is not installed.
     """
     tell = progress or _say_nothing
@@ -62,7 +62,9 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
     page = template()
     from graspforce.report import physics  # needs MuJoCo, which may be the next to be missing
 
-    folder = _writable_folder(Path(out))
+    folder = make_folder(out, "out")
+    for name in ("results.json", "report.html"):
+        check_writable(folder / name)
 
     logs = {name: _run(name, tell) for name in scenarios.NAMES}
     sweep = scenarios.sweep_alpha()
@@ -193,17 +195,6 @@ def _json(results: dict[str, Any]) -> str:
     """Return the results as JSON, indented, each innermost list on one line."""
     text = json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False)
     return re.sub(r"\[\s+[^][{}\"]*\]", lambda found: " ".join(found[0].split()), text) + "\n"
-
-
-def _writable_folder(folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError as error:
-        raise InvalidInputError(
-            f"out: got {folder}, expected a folder to write into ({error.strerror})"
-        ) from error
 
 
 def _write(path: Path, content: bytes) -> bytes:

@@ -14,11 +14,18 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal, Unpack, overload
 
+from graspforce._arrays import came, require_keywords
 from graspforce.errors import InvalidInputError
 from graspforce.scenarios.log import Log, run
-from graspforce.scenarios.paper import dynamic, regrasp, static
+from graspforce.scenarios.paper import (
+    RegraspOptions,
+    ScenarioOptions,
+    dynamic,
+    regrasp,
+    static,
+)
 from graspforce.scenarios.scenario import Cube, Scenario
 from graspforce.scenarios.sweep import AlphaSweep, sweep_alpha
 
@@ -46,7 +53,11 @@ NAMES: tuple[str, ...] = tuple(_FACTORIES)
 """The scenarios that :func:`get` knows."""
 
 
-def get(name: str, **overrides: Any) -> Scenario:
+@overload
+def get(name: Literal["regrasp"], **overrides: Unpack[RegraspOptions]) -> Scenario: ...
+@overload
+def get(name: str, **overrides: Unpack[ScenarioOptions]) -> Scenario: ...
+def get(name: object, **overrides: Any) -> Scenario:
     """Return a scenario by name.
 
     Args:
@@ -56,13 +67,8 @@ def get(name: str, **overrides: Any) -> Scenario:
     Raises:
         InvalidInputError: an unknown name or override; the text lists the valid ones.
     """
-    if name not in _FACTORIES:
-        raise InvalidInputError(f"name: got {name!r}, expected one of {', '.join(NAMES)}")
+    if not isinstance(name, str) or name not in _FACTORIES:
+        raise InvalidInputError(f"name: got {came(name)}, expected one of {', '.join(NAMES)}")
     factory = _FACTORIES[name]
-    valid = inspect.signature(factory).parameters
-    for key in overrides:
-        if key not in valid:
-            raise InvalidInputError(
-                f"{key}: not an option of scenario {name!r}; expected one of {', '.join(valid)}"
-            )
+    require_keywords(overrides, inspect.signature(factory).parameters, f"scenario {name!r}")
     return factory(**overrides)

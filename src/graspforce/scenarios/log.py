@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._arrays import Array, came, require_instance
+from graspforce._util.atomic import replacing
 from graspforce.contact import ContactModel
+from graspforce.errors import InvalidInputError
 from graspforce.outcome import Status
 from graspforce.scenarios.scenario import Scenario
 from graspforce.servo import Servo
@@ -81,10 +83,17 @@ class Log:
         """Write a header with units and one row a tick; numbers in full precision.
 
         Args:
-            path: file to write; one that exists is replaced.
+            path: file to write; one that exists is replaced as a whole.
+
+        Raises:
+            InvalidInputError: a directory, a socket or a block device.
+            OSError: the file cannot be written; what it held before is still there.
         """
         columns = self.table()
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
+        with (
+            replacing(path) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as file,
+        ):
             writer = csv.writer(file)
             writer.writerow(columns)
             writer.writerows(zip(*columns.values(), strict=True))
@@ -114,7 +123,13 @@ def run(
 
     Returns:
         The log. A tick that was not SOLVED is in it with its status.
+
+    Raises:
+        InvalidInputError: an argument of the wrong kind.
     """
+    require_instance(scenario, "scenario", Scenario)
+    if not (progress is None or callable(progress)):
+        raise InvalidInputError(f"progress: got {came(progress)}, expected a function of an index")
     servo: Servo | None = None
     solutions: list[Solution] = []
     for k, problem in enumerate(scenario.problems()):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, TypedDict
 
 from graspforce.contact import PCWF
 from graspforce.hands.paper import PaperHand
@@ -33,6 +33,23 @@ CIRCLE = Circle(
 )
 HAND_AT_REST = PaperHand("palm_normal", elbow=("outward", "inward", "inward", "outward"))
 HAND_ON_CIRCLE = PaperHand("palm_normal", elbow=("outward", "outward", "inward", "inward"))
+
+
+class ScenarioOptions(TypedDict, total=False):
+    """The arguments of :func:`static` and :func:`dynamic`, as keywords."""
+
+    alpha: float
+    hand: PaperHand
+    mu: float
+    rate: float
+    duration: float
+
+
+class RegraspOptions(ScenarioOptions, total=False):
+    """The arguments of :func:`regrasp`, as keywords."""
+
+    c_max: float
+    shape: Literal["linear", "smooth"]
 
 
 def static(

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspforce._arrays import Array, as_positive
-from graspforce.contact import Contact, ContactModel
+from graspforce._arrays import Array, as_positive, require_instance
+from graspforce.contact import Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError
 from graspforce.grasp import Grasp
 from graspforce.hands.paper import PaperHand
@@ -79,8 +79,8 @@ class Scenario:
         duration: [s].
 
     Raises:
-        InvalidInputError: a number out of range, a schedule without c_max or for another number
-            of contacts, less than one tick.
+        InvalidInputError: an argument of the wrong kind, a number out of range, a schedule
+            without c_max or for another number of contacts, less than one tick.
     """
 
     name: str
@@ -96,7 +96,10 @@ class Scenario:
     duration: float = 2.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "contacts", tuple(self.contacts))
+        for name, kind in (("name", str), ("summary", str), ("cube", Cube), ("hand", PaperHand)):
+            require_instance(getattr(self, name), name, kind)
+        require_instance(self.motion, "motion", Motion, "a Motion: at(t)")
+        object.__setattr__(self, "contacts", as_contacts(self.contacts))
         if len(self.contacts) != 4:
             raise InvalidInputError(
                 f"contacts: got {len(self.contacts)}, expected 4, the i-th made by finger i"
@@ -106,6 +109,7 @@ class Scenario:
         if self.c_max is not None:
             object.__setattr__(self, "c_max", as_positive(self.c_max, "c_max", "N"))
         if self.schedule is not None:
+            require_instance(self.schedule, "schedule", Schedule)
             if self.c_max is None:
                 raise InvalidInputError("c_max: missing; schedule came without it")
             if self.schedule.contacts != len(self.contacts):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspforce._arrays import Array, as_array
+from graspforce._arrays import Array, as_array, require, require_instance
 from graspforce.scenarios.paper import static
 from graspforce.scenarios.scenario import Scenario
 from graspforce.settings import Settings
@@ -54,10 +54,13 @@ def sweep_alpha(
         settings: of the solves.
 
     Raises:
-        InvalidInputError: an alpha that is not positive.
+        InvalidInputError: an argument of the wrong kind, an alpha that is not positive.
     """
     given = as_array(np.logspace(-2, 2, 41) if alphas is None else alphas, "alphas", ("A",))
-    problem = (scenario or static()).problem(0.0)
+    require(given > 0, "alphas", given, "more than 0")
+    scenario = static() if scenario is None else scenario
+    require_instance(scenario, "scenario", Scenario)
+    problem = scenario.problem(0.0)
     solutions = [solve(problem.replace(alpha=float(alpha)), settings) for alpha in given]
     tau = np.array([each.tau for each in solutions])
     return AlphaSweep(

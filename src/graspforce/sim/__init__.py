@@ -10,7 +10,7 @@ The physics knows nothing of the model behind the forces: it has bodies, motors,
 stick or slide. A scene is a :class:`Trial`, data that says who is to do what; :func:`run` closes
 the loop and returns a :class:`Log`. ``sim.NAMES`` are the scenes that come with graspforce.
 
-Needs the extra: ``pip install 'graspforce[sim]'``.
+Needs the extra ``sim``: in a checkout, ``pip install '.[sim]'``.
 """
 
 from __future__ import annotations

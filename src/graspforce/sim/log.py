@@ -163,18 +163,20 @@ class Log:
         """Write every tick to a .npz (arrays as here), .parquet or .csv (a column a number).
 
         Raises:
-            InvalidInputError: another ending, or a directory that is not there.
+            InvalidInputError: another ending, or a place that ``files.check_output`` refuses.
             MissingExtraError: a .parquet without pyarrow.
+            OSError: the file cannot be written; what it held before is still there.
         """
         path = Path(path)
         check_log_file(path)
+        suffix = path.suffix.lower()
         with replacing(path) as temporary:
-            if path.suffix == ".npz":
+            if suffix == ".npz":
                 arrays = {name: getattr(self, name) for name in (*_PER_TICK, "tau_max")}
                 words: dict[str, Any] = {"ending": self.ending.name, "message": self.message}
                 with temporary.open("wb") as file:
                     np.savez_compressed(file, **arrays, **words)
-            elif path.suffix == ".parquet":
+            elif suffix == ".parquet":
                 arrow, parquet = _pyarrow()
                 about = {"ending": self.ending.name, "message": self.message}
                 table = arrow.table(self.table()).replace_schema_metadata(about)
@@ -205,11 +207,11 @@ def check_log_file(path: Path) -> None:
     """Make sure that a log can be written to ``path``.
 
     Raises:
-        InvalidInputError: another ending, or a directory that is not there.
+        InvalidInputError: another ending, or a place that ``files.check_output`` refuses.
         MissingExtraError: a .parquet without pyarrow.
     """
     check_output(path, ENDINGS)
-    if path.suffix == ".parquet":
+    if path.suffix.lower() == ".parquet":
         _pyarrow()
 
 

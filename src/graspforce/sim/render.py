@@ -9,11 +9,16 @@ Drawing is offscreen, by EGL where ``MUJOCO_GL`` does not say otherwise.
 from __future__ import annotations
 
 import copy
+import errno
 import importlib
+import itertools
 import math
 import os
 import platform
-from collections.abc import Callable
+import re
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -140,7 +145,9 @@ def save_still(trial: Trial, log: Log, path: str | Path, t: float) -> None:
     """Write a picture of the time t [s] to a .png of 1280 × 960 pixels.
 
     Raises:
-        InvalidInputError: another ending, or a time that was not simulated.
+        InvalidInputError: another ending, a place that ``files.check_output`` refuses, or a time
+            that was not simulated.
+        OSError: the file cannot be written; what it held before is still there.
         RenderError: there is no OpenGL to draw with.
         MissingExtraError: imageio is not installed.
     """
@@ -148,9 +155,11 @@ def save_still(trial: Trial, log: Log, path: str | Path, t: float) -> None:
     tick = round(t * trial.rate)
     if not 0 <= tick < len(log.t):
         raise InvalidInputError(f"t: got {t} s, expected 0 to {log.t[-1]:g} s")
-    writer = _imageio()
-    with Camera(trial, log, 1280, 960) as camera, replacing(path) as temporary:
-        writer.imwrite(temporary, camera.image(tick))
+    imageio = _imageio()
+    with Camera(trial, log, 1280, 960) as camera:
+        image = camera.image(tick)
+    with replacing(path) as temporary:
+        temporary.write_bytes(imageio.imwrite("<bytes>", image, extension=".png"))
 
 
 def save_video(
@@ -168,39 +177,78 @@ def save_video(
         progress: called after every frame with how many are done and how many there are.
 
     Raises:
-        InvalidInputError: another ending.
+        InvalidInputError: another ending, or a place that ``files.check_output`` refuses.
+        OSError: the file cannot be written; what it held before is still there.
         RenderError: there is no OpenGL to draw with.
-        MissingExtraError: imageio is not installed.
+        MissingExtraError: imageio or imageio-ffmpeg is not installed.
     """
     check_video_file(path)
-    writer = _imageio()
     step = trial.rate / FRAME_RATE
     ticks = [round(k * step) for k in range(int((len(log.t) - 1) / step) + 1)]
-    kind: dict[str, Any] = (
-        {"duration": 1000 / FRAME_RATE, "loop": 0}
-        if Path(path).suffix == ".gif"
-        else {"fps": FRAME_RATE, "macro_block_size": 16, "quality": 8}
-    )
-    with (
-        Camera(trial, log) as camera,
-        replacing(path) as temporary,
-        writer.get_writer(temporary, **kind) as film,
-    ):
+
+    def images(camera: Camera) -> Iterator[Image]:
         for index, tick in enumerate(ticks):
-            film.append_data(camera.image(tick))
+            yield camera.image(tick)
             if progress is not None:
                 progress(index + 1, len(ticks))
+
+    write = _write_gif if Path(path).suffix.lower() == ".gif" else _write_mp4
+    with Camera(trial, log) as camera, replacing(path) as temporary:
+        write(temporary, images(camera))
 
 
 def check_video_file(path: str | Path) -> None:
     """Make sure, before any long work, that a film can be written to ``path``.
 
     Raises:
-        InvalidInputError: another ending than .mp4 or .gif, or a directory that is not there.
-        MissingExtraError: imageio is not installed.
+        InvalidInputError: another ending than .mp4 or .gif, or a place that
+            ``files.check_output`` refuses.
+        MissingExtraError: imageio or imageio-ffmpeg is not installed.
     """
     check_output(path, VIDEOS)
-    _imageio()
+    _imageio() if Path(path).suffix.lower() == ".gif" else _ffmpeg()
+
+
+def _write_gif(path: Path, images: Iterator[Image]) -> None:
+    path.write_bytes(
+        _imageio().imwrite(
+            "<bytes>", list(images), extension=".gif", duration=1000 / FRAME_RATE, loop=0
+        )
+    )
+
+
+def _write_mp4(path: Path, images: Iterator[Image]) -> None:
+    """Write a film with ffmpeg; imageio's writer does not tell when it fails, as on a full disk.
+
+    Raises:
+        OSError: ffmpeg failed; the text is what it said first.
+    """
+    first = next(images)
+    height, width, _ = first.shape
+    command = [
+        _ffmpeg(), "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24",
+        "-s", f"{width}x{height}", "-r", f"{FRAME_RATE:g}", "-i", "pipe:",
+        "-c:v", "libx264", "-crf", "10", "-pix_fmt", "yuv420p", f"file:{path}",
+    ]  # fmt: skip
+    with (
+        tempfile.TemporaryFile() as said,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said) as process,
+    ):
+        pipe: Any = process.stdin
+        try:
+            for image in itertools.chain([first], images):
+                pipe.write(image.tobytes())
+            pipe.close()
+        except BrokenPipeError:
+            pass  # it has ended, and said why
+        except BaseException:
+            process.kill()
+            raise
+        if process.wait() != 0:
+            said.seek(0)
+            text = said.read().decode(errors="replace").strip() or "it said nothing"
+            reason = re.sub(r"^\[.*?\] ", "", text.splitlines()[0])
+            raise OSError(errno.EIO, f"ffmpeg failed: {reason}")
 
 
 def _size(trial: Trial) -> float:
@@ -230,6 +278,13 @@ def _open_gl(model: Any) -> tuple[Any, Any]:
 
 def _imageio() -> Any:
     try:
-        return importlib.import_module("imageio.v2")
+        return importlib.import_module("imageio.v3")
     except ImportError as error:
         raise MissingExtraError("pictures and videos", "imageio", "sim") from error
+
+
+def _ffmpeg() -> str:
+    try:
+        return importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe()
+    except ImportError as error:
+        raise MissingExtraError("videos in MP4", "imageio-ffmpeg", "sim") from error

@@ -1,0 +1,74 @@
+"""What a process sees to that serves as a command: standard streams, signals, its exit code."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any, NoReturn
+
+from graspforce.cli.terminal import one_line_errors
+
+
+@contextmanager
+def as_command() -> Generator[None]:
+    """Run the block as all that this process does."""
+    _open_standard_streams()
+    _end_orderly_on_signals()
+    try:
+        with one_line_errors():
+            yield
+    except BrokenPipeError:  # the reader of our output has had enough
+        raise SystemExit(1) from None
+    except KeyboardInterrupt:
+        raise SystemExit(128 + signal.SIGINT) from None
+    finally:
+        _drop_unwritten_output()
+
+
+def _open_standard_streams() -> None:
+    """Make sure that there are standard streams, and that stdout takes every character.
+
+    The first files that are opened would else get the numbers of those that are closed, and what a
+    library prints would go into them. In place of a closed stdout stands one that refuses what is
+    written to it: results that nobody sees are an error, as on a full disk.
+    """
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDONLY)  # gets the lowest free number, which is this one
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+    reconfigure: Any = getattr(sys.stdout, "reconfigure", None)
+    if reconfigure is not None:
+        # A character that the terminal's encoding lacks must not cost the table.
+        reconfigure(errors="replace")
+
+
+def _end_orderly_on_signals() -> None:
+    """Let SIGTERM and SIGHUP end the process like an exception, so that it can clean up."""
+
+    def end(number: int, frame: FrameType | None) -> NoReturn:
+        raise SystemExit(128 + number)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            with suppress(ValueError):  # not in the main thread
+                signal.signal(number, end)
+
+
+def _drop_unwritten_output() -> None:
+    """Drop what stdout did not take, which Python would try to write again at its end.
+
+    That would fail again, and put another message and exit code in place of ours.
+    """
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with suppress(OSError):  # as where a test stands in for stdout
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
