@@ -70,6 +70,11 @@ def limits_by_hand(problem):
             rows.append(-np.eye(m)[part.start])
             bounds.append(-problem.engagement[i] * problem.c_min[i])
             scales.append(reach[i])
+    for i in range(len(problem.dc_max)):
+        for side in (1, -1):
+            rows.append(side * np.eye(m)[i])
+            bounds.append(problem.dc_max[i] + side * problem.c_last[i])
+            scales.append(problem.dc_max[i])
     each = np.repeat(reach, [model.dim for model in models])
     for a, b in zip(problem.A, problem.b, strict=True):
         rows.append(a)
@@ -168,6 +173,10 @@ def random_problem(rng):
         options |= {"c_max": rng.uniform(3, 12, n), "engagement": rng.uniform(0.3, 1, n)}
     if rng.random() < 0.2:
         options["c_min"] = rng.uniform(0.05, 0.6, n)
+    if rng.random() < 0.2:
+        dims = [model.dim for model in models]
+        options["c_last"] = np.concatenate([np.eye(dim)[0] * rng.uniform(1, 5) for dim in dims])
+        options["dc_max"] = rng.uniform(0.5, 5, W.shape[1])
     if rng.random() < 0.2:
         options |= {"A": rng.normal(size=(2, W.shape[1])), "b": rng.uniform(-1, 10, 2)}
     direction = rng.normal(size=6) * [1, 1, 1, 0.02, 0.02, 0.02]

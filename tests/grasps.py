@@ -150,6 +150,7 @@ def plant(
     floors=False,
     inequalities=0,
     bias=False,
+    rates=False,
     removed=None,
     hand=True,
     W=None,
@@ -171,6 +172,7 @@ def plant(
         floors: add normal floors.
         inequalities: number of further random rows A c ≤ b.
         bias: give the joints torques of their own.
+        rates: limit the change of every component from forces nearby.
         removed: index of a contact that has left the grasp.
         hand: False writes the torque limits as rows of A.
         W: another grasp map than that of the random contacts.
@@ -206,6 +208,11 @@ def plant(
         scale = options.get("engagement", np.ones(n))
         options["c_min"] = np.where(there, (c[normals] - slack) / np.where(there, scale, 1), 0.5)
         target[normals] += 1 / slack
+    if rates:
+        change = rng.uniform(-1, 1, m)
+        most = np.abs(change) + np.exp(rng.uniform(-1, 2, m))
+        options |= {"c_last": c - change, "dc_max": most}
+        target -= 1 / (most - change) - 1 / (most + change)
     rows, bounds = np.empty((0, m)), np.empty(0)
     if inequalities:
         slack = np.exp(rng.uniform(0, 2, inequalities))

@@ -313,7 +313,7 @@ def test_23_unreachable_and_unbounded():
 
 
 def test_24_two_channels():
-    with pytest.raises(gf.InvalidInputError, match=r"^c_max\[0\]: got -1, expected more than 0 N$"):
+    with pytest.raises(gf.InvalidInputError, match=r"^c_max\[0\]: got -1, expected more than 0$"):
         pressing(-1.0)
     assert gf.solve(pressing(2.0)).status is gf.Status.INFEASIBLE
     with pytest.raises(gf.InfeasibleGraspError):
@@ -376,3 +376,13 @@ def test_27_slips():
         assert grasp.contacts == tuple(slip)
         with pytest.warns(gf.GraspForceWarning, match=reason):
             assert np.array_equal(gf.grasp_map(slip), grasp.W)
+
+
+def test_28_rate_limits(rng):
+    planted = plant(rng, ["PCWF"] * 4)
+    servo = gf.Servo(planted.problem.replace(c_last=planted.c, dc_max=0.5))
+    first = servo.step()
+    assert np.abs(first.c - planted.c).max() < 0.5
+    assert np.array_equal(servo.c_last, first.c)
+    second = servo.step(f=planted.problem.f * 1.02)
+    assert np.abs(second.c - first.c).max() < 0.5

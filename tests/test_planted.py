@@ -23,6 +23,7 @@ def draw(rng):
         floors=rng.random() < 0.3,
         inequalities=int(rng.integers(0, 3)),
         bias=rng.random() < 0.3,
+        rates=rng.random() < 0.3,
         hand=rng.random() < 0.85,
         removed=int(rng.integers(n)) if rng.random() < 0.15 else None,
     )

@@ -10,9 +10,13 @@ import pytest
 from grasps import KINDS, plant
 
 import graspforce as gf
+from graspforce import _native
 
-FULL = {"ceilings": True, "floors": True, "inequalities": 2, "bias": True}
-ARRAYS = ("W", "f", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement", "A", "b")
+FULL = {"ceilings": True, "floors": True, "inequalities": 2, "bias": True, "rates": True}
+ARRAYS = (
+    "W", "f", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement", "c_last",
+    "dc_max", "A", "b",
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -228,13 +232,21 @@ def test_packed_round_trip(full, bare):
         assert gf.ForceProblem(**again.arguments()) == problem
 
 
+@pytest.mark.parametrize("kind", ["full", "bare"])
+def test_the_fields_are_those_of_the_core(request, kind):
+    layout = request.getfixturevalue(kind).layout
+    assert _native.module.fields(layout) == [
+        (name, slot.start, *(*slot.shape, 1, 1)[:2]) for name, slot in layout.slots.items()
+    ]
+
+
 def test_packed_is_all_fields_in_the_order_of_the_layout(full):
-    fields = full.layout.fields
-    assert list(fields) == [*ARRAYS, "mu", "gamma", "alpha"]
-    parts = [np.ravel(getattr(full, name)) for name in fields]
+    slots = full.layout.slots
+    assert list(slots) == [*ARRAYS, "mu", "gamma", "alpha"]
+    parts = [np.ravel(getattr(full, name)) for name in slots]
     assert np.array_equal(np.concatenate(parts), full.packed)
-    for name, shape in fields.items():
-        assert np.shape(getattr(full, name)) == shape
+    for name, slot in slots.items():
+        assert np.shape(getattr(full, name)) == slot.shape
 
 
 def test_repr_tells_what_is_in_it(full, bare):
@@ -260,6 +272,10 @@ def rows_by_hand(problem, there):
         rows.append((np.eye(m)[normals[i]], problem.engagement[i] * problem.c_max[i]))
     for i in range(len(problem.c_min)):
         rows.append((-np.eye(m)[normals[i]], -problem.engagement[i] * problem.c_min[i]))
+    for side in (1, -1):
+        for i in range(len(problem.dc_max)):
+            bound = problem.dc_max[i] + side * problem.c_last[i]
+            rows.append((side * np.eye(m)[i], bound))
     rows += zip(problem.A, problem.b, strict=True)
     columns = np.repeat(there, [model.dim for model in problem.models])
     return [(row * columns, bound) for row, bound in rows if (row * columns).any()]

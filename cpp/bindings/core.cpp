@@ -23,6 +23,19 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
              "Solves a ForceProblem; what comes back is a `solution`.");
 
   module.def(
+      "fields",
+      [](nb::handle layout) {
+        nb::list fields;
+        graspforce::each_field(
+            graspforce::make_layout(layout), [&](const graspforce::Field& field) {
+              fields.append(nb::make_tuple(field.name, field.offset, field.rows, field.columns));
+            });
+        return fields;
+      },
+      "layout"_a, nb::sig("def fields(layout: object) -> list[tuple[str, int, int, int]]"),
+      "Name, place in the buffer, rows and columns of every field of a layout.");
+
+  module.def(
       "find_flaw",
       [](nb::handle layout, nb::handle packed) -> nb::object {
         const graspforce::Layout shape = graspforce::make_layout(layout);

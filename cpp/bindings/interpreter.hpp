@@ -65,13 +65,19 @@ inline nb::object own_array(std::vector<double> numbers) {
   return nb::cast(NumpyVector(own->data(), {own->size()}, owner));
 }
 
-// The numbers of a plain float64 array of one axis.
-inline const double* doubles(nb::handle object, std::size_t size) {
+// The numbers of a plain float64 array of one axis and that size; null where it is another object.
+inline const double* find_doubles(nb::handle object, std::size_t size) {
+  if (!PyArray_CheckExact(object.ptr())) return nullptr;
   auto* array = reinterpret_cast<PyArrayObject*>(object.ptr());
-  if (!PyArray_Check(object.ptr()) || PyArray_TYPE(array) != NPY_DOUBLE ||
-      !PyArray_ISCARRAY_RO(array) || PyArray_SIZE(array) != npy_intp(size))
-    throw nb::value_error("expected a float64 array of the problem's size");
+  if (PyArray_TYPE(array) != NPY_DOUBLE || !PyArray_ISCARRAY_RO(array) ||
+      PyArray_NDIM(array) != 1 || PyArray_SIZE(array) != npy_intp(size))
+    return nullptr;
   return static_cast<const double*>(PyArray_DATA(array));
+}
+inline const double* doubles(nb::handle object, std::size_t size) {
+  const double* numbers = find_doubles(object, size);
+  if (numbers == nullptr) throw nb::value_error("expected a float64 array of the problem's size");
+  return numbers;
 }
 
 // Releases the interpreter's lock, unless the problem is so small that the core is done before

@@ -3,6 +3,7 @@
 
 #include <nanobind/stl/optional.h>
 
+#include <array>
 #include <stdexcept>
 
 #include "graspforce/servo.hpp"
@@ -34,7 +35,10 @@ class PythonServo : public Servo {
     if (packed.size() != packed_size()) throw nb::value_error("packed: wrong size");
     write(packed);
     take_first_snapshot();
-    each_field(layout(), [this](const Field& field) { fields_.push_back(field); });
+    each_field(layout(), [this](const Field& field) {
+      fields_.push_back(field);
+      names_.push_back(nb::steal(PyUnicode_InternFromString(field.name)));
+    });
   }
 
   // Solves from the numbers as they stand in the fields; the verdict.
@@ -48,20 +52,24 @@ class PythonServo : public Servo {
     return statuses_[static_cast<int>(solve().status)];
   }
 
-  // Takes changed fields, in the order of the buffer, that are plainly fine and solves, for a
-  // Solution; None, with nothing changed, when any is not a float64 array of the field's shape (or
-  // a float for alpha) or might not be valid: Python looks closer.
-  nb::object step(PyObject* const* given) {
+  // Takes a dict of changed fields that are plainly fine and solves, for a Solution; None, with
+  // nothing changed, when any is no field, not a float64 array of the field's shape (or a float for
+  // alpha) or might not be valid: Python looks closer.
+  nb::object step(PyObject* changes) {
     const BusyGuard guard(busy_);
     stage();
-    for (std::size_t field = 0; field < fields_.size(); ++field)
-      if (given[field] != Py_None && !stage_array(given[field], fields_[field])) return nb::none();
+    std::size_t staged_fields = 0;
+    PyObject *name = nullptr, *value = nullptr;
+    for (Py_ssize_t at = 0; PyDict_Next(changes, &at, &name, &value);) {
+      if (value == Py_None) continue;
+      const Field* field = find(name);
+      if (field == nullptr || !stage_array(value, *field)) return nb::none();
+      changed_[staged_fields++] = field;
+    }
     if (refuses()) return nb::none();
-    for (std::size_t field = 0; field < fields_.size(); ++field)
-      if (given[field] != Py_None) {
-        const Field& at = fields_[field];
-        std::copy_n(staged() + at.offset, at.size(), packed() + at.offset);
-      }
+    for (std::size_t i = 0; i < staged_fields; ++i)
+      std::copy_n(staged() + changed_[i]->offset, changed_[i]->size(),
+                  packed() + changed_[i]->offset);
     return make_solution(solution_, nb::cast(outcome(solve())), shape_);
   }
 
@@ -104,6 +112,13 @@ class PythonServo : public Servo {
     bool& busy_;
   };
 
+  // The field of a name; keywords are interned, so that pointers tell.
+  const Field* find(PyObject* name) const {
+    for (std::size_t i = 0; i < fields_.size(); ++i)
+      if (names_[i].ptr() == name) return &fields_[i];
+    return nullptr;
+  }
+
   void write(const Vector& numbers) { std::copy_n(numbers.data(), numbers.size(), packed()); }
 
   // Stages an array for its field; false unless it is a C-contiguous array of finite float64
@@ -140,18 +155,19 @@ class PythonServo : public Servo {
   std::vector<nb::object> statuses_;
   nb::object refuse_, solution_;
   std::vector<Field> fields_;
+  std::vector<nb::object> names_;  // interned
+  std::array<const Field*, kFields> changed_;
   bool busy_ = false;
 };
 
-// PythonServo::step for the interpreter, called with an array of its arguments: nanobind's dispatch
-// of as many of them takes as long as the tick itself.
-inline PyObject* servo_step(PyObject* self, PyObject* const* arguments, Py_ssize_t count) noexcept {
-  if (count != kFields) {
-    PyErr_Format(PyExc_TypeError, "step() takes %d arguments, got %zd", kFields, count);
+// PythonServo::step for the interpreter: nanobind's dispatch takes a good part of a tick.
+inline PyObject* servo_step(PyObject* self, PyObject* changes) noexcept {
+  if (!PyDict_Check(changes)) {
+    PyErr_SetString(PyExc_TypeError, "step() takes a dict of the fields that changed");
     return nullptr;
   }
   try {
-    return nb::inst_ptr<PythonServo>(self)->step(arguments).release().ptr();
+    return nb::inst_ptr<PythonServo>(self)->step(changes).release().ptr();
   } catch (nb::python_error& error) {
     error.restore();
   } catch (const std::exception& error) {
@@ -160,10 +176,8 @@ inline PyObject* servo_step(PyObject* self, PyObject* const* arguments, Py_ssize
   return nullptr;
 }
 
-inline PyMethodDef servo_methods[] = {
-    {"step", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(servo_step)), METH_FASTCALL,
-     nullptr},
-    {nullptr, nullptr, 0, nullptr}};
+inline PyMethodDef servo_methods[] = {{"step", servo_step, METH_O, nullptr},
+                                      {nullptr, nullptr, 0, nullptr}};
 inline PyType_Slot servo_slots[] = {{Py_tp_methods, servo_methods}, {0, nullptr}};
 
 }  // namespace graspforce

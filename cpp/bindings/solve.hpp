@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <memory>
 #include <vector>
 
@@ -48,14 +49,21 @@ class EngineCache {
 
 // Solves a graspforce.ForceProblem, given with its layout and its buffer, from nothing or from
 // `start` (None, or m float64 forces); `solution` is graspforce.Solution, what comes back one of
-// its objects.
+// its objects, or None where the start is no plain array of finite numbers: Python looks closer.
 inline nb::object solve(nb::handle solution, nb::handle problem, nb::handle layout,
                         nb::handle packed, nb::handle start, double tol, int max_steps,
                         double budget_us) {
   thread_local EngineCache engines;
   Engine& engine = engines.find(layout);
   const double* numbers = doubles(packed, packed_size(engine.layout()));
-  const double* forces = start.is_none() ? nullptr : doubles(start, engine.layout().components());
+  const double* forces = nullptr;
+  if (!start.is_none()) {
+    const std::size_t m = engine.layout().components();
+    forces = find_doubles(start, m);
+    if (forces == nullptr ||
+        !std::all_of(forces, forces + m, [](double c) { return std::isfinite(c); }))
+      return nb::none();
+  }
   Result result;
   {
     const Release release(engine.layout());

@@ -14,7 +14,17 @@ def instruction_sets() -> list[str]:
 def solve(solution: object, problem: object, layout: object, packed: object, start: object | None, tol: float, max_steps: int, budget_us: float) -> object:
     """Solves a ForceProblem; what comes back is a `solution`."""
 
-def time_ticks(wrench_rows: int, dims: Sequence[int], joints: int, inequalities: int, ceilings: bool, floors: bool, packed: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], rounds: int, tol: float, max_steps: int, cold: bool) -> object:
+def fields(layout: object) -> list[tuple[str, int, int, int]]:
+    """
+    Name, place in the buffer, rows and columns of every field of a layout.
+    """
+
+def find_flaw(layout: object, packed: object) -> object:
+    """
+    The first of a problem's numbers that is not finite or out of its range: the field, the indices of the entry, what came, what was expected; or None.
+    """
+
+def time_ticks(layout: object, packed: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)], rounds: int, tol: float, max_steps: int, cold: bool) -> object:
     """
     Times of warm ticks, or of cold solves, without Python in between [ns].
     """
@@ -54,7 +64,7 @@ class Outcome:
     def packed(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)] | None: ...
 
 class Servo:
-    def __init__(self, wrench_rows: int, dims: Sequence[int], joints: int, inequalities: int, ceilings: bool, floors: bool, packed: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], tol: float, max_steps: int, budget_us: float, statuses: Sequence[object], refuse: object, solution: object, shape: object) -> None: ...
+    def __init__(self, layout: object, packed: Annotated[NDArray[numpy.float64], dict(shape=(None,), order='C', device='cpu', writable=False)], tol: float, max_steps: int, budget_us: float, statuses: Sequence[object], refuse: object, solution: object) -> None: ...
 
     step: types.MethodDescriptorType = ...
 

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from graspforce import reference
-from graspforce._arrays import Array
-from graspforce._native import module, modules, refuse
+from graspforce import _native, reference
+from graspforce._arrays import Array, as_array
 from graspforce.outcome import Outcome, Start, Status
-from graspforce.problem import ForceProblem, Layout
+from graspforce.problem import ForceProblem
 from graspforce.settings import Settings
 
+modules, module = _native.modules, _native.module
 NativeServo: Any = module.Servo
 _native_solve: Callable[..., Any] = module.solve
 
@@ -29,8 +30,8 @@ class ServoBackend(Protocol):
         """Solve from ``numbers`` as they stand."""
         ...
 
-    def step(self, *fields: object) -> Any:
-        """Solve with changed fields, None for the others, in the order of the flat buffer.
+    def step(self, changes: Mapping[str, Any]) -> Any:
+        """Solve with changed fields.
 
         Returns:
             A Solution; None, and nothing changed, where the arrays need a closer look.
@@ -86,10 +87,10 @@ class ReferenceServo:
     def tick(self) -> Status:
         flaw = module.find_flaw(self._layout, self.numbers)
         if flaw is not None:
-            refuse(flaw)
+            _native.refuse(flaw)
         return Status(self.step_problem(self.numbers).status)
 
-    def step(self, *_fields: object, **_names: object) -> None:
+    def step(self, changes: Mapping[str, Any]) -> None:
         return None
 
     def step_problem(self, packed: Array) -> Outcome:
@@ -108,6 +109,8 @@ class ReferenceServo:
         self._last = outcome
         self._past = [*self._past[-1:], np.array(outcome.c)] if outcome.status == 0 else []
         self.c[:], self.nu[:] = outcome.c, outcome.nu
+        if outcome.status == Status.SOLVED and self._layout.rate_limits:
+            self._layout.views(self.numbers)["c_last"][:] = outcome.c
         return outcome
 
     def last(self) -> Outcome | None:
@@ -120,15 +123,23 @@ class ReferenceServo:
 def solve(
     problem: ForceProblem,
     settings: Settings,
-    start: Array | None,
+    start: ArrayLike | None,
     solution: Callable[[Outcome, ForceProblem], _T],
 ) -> _T:
-    """Solve from a cold start, or from ``start``; ``solution`` is the class of what comes back."""
+    """Solve from a cold start, or from ``start``; ``solution`` is the class of what comes back.
+
+    Raises:
+        InvalidInputError: a start of the wrong shape, or one with other than finite numbers.
+    """
     if settings.backend == "reference":
-        return solution(reference.solve(problem, settings, start), problem)
-    return _native_solve(
-        solution, problem, problem.layout, problem.packed, start, *_limits(settings)
-    )
+        guess = None if start is None else as_array(start, "start", (problem.m,))
+        return solution(reference.solve(problem, settings, guess), problem)
+    given = (solution, problem, problem.layout, problem.packed)
+    found = _native_solve(*given, start, *_limits(settings))
+    if found is None:  # a start that is no plain array
+        checked = as_array(start, "start", (problem.m,)) if start is not None else None
+        found = _native_solve(*given, checked, *_limits(settings))
+    return found
 
 
 def make_servo(problem: ForceProblem, settings: Settings, solution: type) -> ServoBackend:
@@ -136,7 +147,7 @@ def make_servo(problem: ForceProblem, settings: Settings, solution: type) -> Ser
     if settings.backend == "reference":
         return ReferenceServo(problem, settings)
     return NativeServo(
-        problem.layout, problem.packed, *_limits(settings), list(Status), refuse, solution
+        problem.layout, problem.packed, *_limits(settings), list(Status), _native.refuse, solution
     )
 
 

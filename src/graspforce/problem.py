@@ -8,70 +8,25 @@ buffer, whose order :class:`Layout` fixes.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspforce._arrays import (
-    Array,
-    as_array,
-    as_positive,
-    require,
-    require_keywords,
-    signless,
-)
+from graspforce import _native
+from graspforce._arrays import Array, as_array, require_keywords, signless
 from graspforce.contact import FPC, PCWF, SFC, ContactModel, as_models, contact_starts
 from graspforce.errors import InvalidInputError
+from graspforce.layout import FIELDS, Layout, Slot
 
 # A contact whose engagement is no larger than this has left the grasp: its force is zero, and
 # its cone, its limits and its finger's joints leave the problem (end of Section III-C.3).
 REMOVAL_THRESHOLD = 1e-6
 
-
-class Layout(NamedTuple):
-    """The sizes of a problem: what stays the same from tick to tick."""
-
-    wrench_rows: int
-    dims: tuple[int, ...]  # components of each contact: 1 FPC, 3 PCWF, 4 SFC
-    joints: int
-    inequalities: int
-    ceilings: bool
-    floors: bool
-
-    @property
-    def fields(self) -> dict[str, tuple[int, ...]]:
-        """The shape of every field, in the order of the flat buffer."""
-        k, n, m = self.wrench_rows, len(self.dims), sum(self.dims)
-        return {
-            "W": (k, m),
-            "f": (k,),
-            "J": (m, self.joints),
-            "tau_lo": (self.joints,),
-            "tau_hi": (self.joints,),
-            "tau_bias": (self.joints,),
-            "c_max": (n if self.ceilings else 0,),
-            "c_min": (n if self.floors else 0,),
-            "engagement": (n,),
-            "A": (self.inequalities, m),
-            "b": (self.inequalities,),
-            "mu": (n,),
-            "gamma": (n,),
-            "alpha": (),
-        }
-
-    def views(self, packed: Array) -> dict[str, Array]:
-        """Return every field of a flat buffer as a view of it."""
-        views: dict[str, Array] = {}
-        start = 0
-        for name, shape in self.fields.items():
-            size = math.prod(shape)
-            views[name] = packed[start : start + size].reshape(shape)
-            start += size
-        return views
+# Arguments that make sense together alone.
+_GROUPS = (("J", "tau_lo", "tau_hi"), ("A", "b"), ("c_last", "dc_max"))
 
 
 class ProblemOptions(TypedDict, total=False):
@@ -87,6 +42,8 @@ class ProblemOptions(TypedDict, total=False):
     A: ArrayLike | None
     b: ArrayLike | None
     alpha: float
+    c_last: ArrayLike | None
+    dc_max: ArrayLike | None
 
 
 class ProblemArguments(ProblemOptions, total=False):
@@ -119,13 +76,17 @@ class ForceProblem:
         A: further inequalities' matrix, shape (p, m).
         b: their right-hand sides, shape (p,).
         alpha: weight of the linear limits against the cones, above 0.
+        c_last: contact forces of the tick before, shape (m,) [N, N·m]; with dc_max. A Servo puts
+            its own last forces in.
+        dc_max: the most by which each component of c may differ from c_last, shape (m,) or a
+            scalar, above 0 [N, N·m]: ``|c − c_last| ≤ dc_max``, in Phi_lin like the others.
 
     Raises:
         InvalidInputError: a wrong shape, NaN or infinity, a limit that excludes another, limits
             without their Jacobian or the reverse; the text names the argument.
     """
 
-    __slots__ = ("layout", "models", "packed", *Layout(0, (), 0, 0, False, False).fields)
+    __slots__ = ("layout", "models", "packed", *FIELDS)
 
     layout: Layout
     models: tuple[ContactModel, ...]
@@ -139,6 +100,8 @@ class ForceProblem:
     c_max: Array
     c_min: Array
     engagement: Array
+    c_last: Array
+    dc_max: Array
     A: Array
     b: Array
     mu: Array
@@ -160,61 +123,45 @@ class ForceProblem:
         A: ArrayLike | None = None,
         b: ArrayLike | None = None,
         alpha: float = 5.0,
+        c_last: ArrayLike | None = None,
+        dc_max: ArrayLike | None = None,
     ) -> None:
-        grasp = as_array(W, "W", ("k", "m"))
+        grasp = as_array(W, "W", ("k", "m"), finite=False)
         k, m = grasp.shape
         each = _models_for(models, m)
-        n = len(each)
-        values: dict[str, Array] = {"W": grasp, "f": as_array(f, "f", (k,))}
-
-        _together(J=J, tau_lo=tau_lo, tau_hi=tau_hi)
-        joints = 0
-        if J is not None and tau_lo is not None and tau_hi is not None:
-            values["J"] = as_array(J, "J", (m, "n_joints"))
-            joints = values["J"].shape[1]
-            lower = as_array(tau_lo, "tau_lo", (joints,), broadcast=True)
-            upper = as_array(tau_hi, "tau_hi", (joints,), broadcast=True)
-            bias = 0.0 if tau_bias is None else tau_bias
-            require(lower < upper, "tau_lo", lower, "less than tau_hi")
-            values |= {"tau_lo": lower, "tau_hi": upper}
-            values["tau_bias"] = as_array(bias, "tau_bias", (joints,), broadcast=True)
-        elif tau_bias is not None:
+        given: dict[str, Any] = {
+            "W": grasp, "f": f, "J": J, "tau_lo": tau_lo, "tau_hi": tau_hi, "tau_bias": tau_bias,
+            "c_max": c_max, "c_min": c_min, "engagement": engagement, "c_last": c_last,
+            "dc_max": dc_max, "A": A, "b": b, "alpha": alpha,
+        }  # fmt: skip
+        for group in _GROUPS:
+            _together({name: given[name] for name in group})
+        if tau_bias is not None and J is None:
             raise InvalidInputError("tau_bias: given without J, tau_lo and tau_hi")
-
-        share = as_array(
-            1.0 if engagement is None else engagement, "engagement", (n,), broadcast=True
-        )
-        require((share >= 0) & (share <= 1), "engagement", share, "a number in 0…1")
-        values["engagement"] = share
-        if c_max is not None:
-            ceiling = as_array(c_max, "c_max", (n,), broadcast=True)
-            require(ceiling > 0, "c_max", ceiling, "more than 0 N")
-            values["c_max"] = ceiling
-        elif engagement is not None:
+        if engagement is not None and c_max is None:
             raise InvalidInputError("engagement: given without c_max, the ceiling that it scales")
-        if c_min is not None:
-            floor = as_array(c_min, "c_min", (n,), broadcast=True)
-            require(floor >= 0, "c_min", floor, "0 N or more")
-            if "c_max" in values:
-                require(floor < values["c_max"], "c_min", floor, "less than c_max")
-            values["c_min"] = floor
-
-        _together(A=A, b=b)
-        inequalities = 0
-        if A is not None and b is not None:
-            values["A"] = as_array(A, "A", ("p", m))
-            inequalities = values["A"].shape[0]
-            values["b"] = as_array(b, "b", (inequalities,))
-
-        values["mu"] = np.array([getattr(model, "mu", 1.0) for model in each])
-        values["gamma"] = np.array([getattr(model, "gamma", 1.0) for model in each])
-        values["alpha"] = np.array(as_positive(alpha, "alpha"))
-
+        joints = inequalities = 0
+        if J is not None:
+            given["J"] = as_array(J, "J", (m, "n_joints"), finite=False)
+            joints = given["J"].shape[1]
+        if A is not None:
+            given["A"] = as_array(A, "A", ("p", m), finite=False)
+            inequalities = given["A"].shape[0]
         layout = Layout(
-            k, tuple(model.dim for model in each), joints, inequalities,
-            "c_max" in values, "c_min" in values,
+            k, tuple(model.dim for model in each), joints, inequalities, c_max is not None,
+            c_min is not None, c_last is not None,
         )  # fmt: skip
-        packed = np.concatenate([values[name].ravel() for name in layout.fields if name in values])
+        given["mu"] = [getattr(model, "mu", 1.0) for model in each]
+        given["gamma"] = [getattr(model, "gamma", 1.0) for model in each]
+        slots = layout.slots
+        packed = np.empty(slots["alpha"].stop)
+        for name, slot in slots.items():
+            value = given[name]
+            if value is None and name not in ("f", "alpha"):
+                packed[slot.start : slot.stop] = FIELDS[name].default
+            else:
+                _write(packed, name, slot, value)
+        _check_values(layout, packed)
         self._adopt(layout, packed)
 
     @classmethod
@@ -229,10 +176,22 @@ class ForceProblem:
         put = super().__setattr__
         put("layout", layout)
         put("packed", packed)
-        for name, view in layout.views(packed).items():
-            put(name, float(view) if name == "alpha" else view)
-        coefficients = zip(layout.dims, self.mu.tolist(), self.gamma.tolist(), strict=True)
-        put("models", tuple(_model(*each) for each in coefficients))
+
+    def __getattr__(self, name: str) -> Any:
+        """Make a field's view, or the models, when first asked for: many never are."""
+        if name == "models":
+            layout = self.layout
+            coefficients = zip(layout.dims, self.mu.tolist(), self.gamma.tolist(), strict=True)
+            value: Any = tuple(_model(*each) for each in coefficients)
+        elif name in FIELDS:
+            start, stop, shape = self.layout.slots[name]
+            value = float(self.packed[start]) if name == "alpha" else (
+                self.packed[start:stop].reshape(shape)
+            )  # fmt: skip
+        else:
+            raise AttributeError(f"'ForceProblem' object has no attribute {name!r}")
+        super().__setattr__(name, value)
+        return value
 
     def replace(self, **changes: Unpack[ProblemArguments]) -> ForceProblem:
         """Return a new problem with some arguments changed, validated like any other.
@@ -240,6 +199,26 @@ class ForceProblem:
         Raises:
             InvalidInputError: as the constructor; or a name that is no argument of it.
         """
+        layout, slots = self.layout, self.layout.slots
+        packed = np.array(self.packed)
+        for name, value in changes.items():
+            slot = slots.get(name)
+            if slot is None or not self._keeps_layout(name, slot, value):
+                return self._remade(changes)
+            _write(packed, name, slot, value)
+        _check_values(layout, packed)
+        return ForceProblem.from_packed(layout, packed)
+
+    def _keeps_layout(self, name: str, slot: Slot, value: object) -> bool:
+        """Whether a new value of a field surely leaves the layout as it is."""
+        if value is None or slot.start == slot.stop:
+            return False
+        if name == "engagement":
+            return self.layout.ceilings
+        return len(slot.shape) < 2 or getattr(value, "shape", None) == slot.shape
+
+    def _remade(self, changes: ProblemArguments) -> ForceProblem:
+        """Return the changed problem by way of the constructor: its layout may be another."""
         arguments = self.arguments()
         require_keywords(changes, arguments, "ForceProblem.replace")
         changed: dict[str, Any] = {**arguments, **changes}
@@ -247,21 +226,14 @@ class ForceProblem:
 
     def arguments(self) -> dict[str, Any]:
         """Return the constructor's arguments that make this problem; None where not given."""
-        layout = self.layout
-        given = {
-            "J": layout.joints > 0,
-            "tau_lo": layout.joints > 0,
-            "tau_hi": layout.joints > 0,
-            "tau_bias": bool(self.tau_bias.any()),
-            "c_max": layout.ceilings,
-            "c_min": layout.floors,
-            "engagement": bool((self.engagement != 1).any()),
-            "A": layout.inequalities > 0,
-            "b": layout.inequalities > 0,
-        }
         arguments: dict[str, Any] = {"W": self.W, "f": self.f, "models": self.models}
-        arguments |= {name: getattr(self, name) if here else None for name, here in given.items()}
-        arguments["alpha"] = self.alpha
+        for name in ProblemOptions.__annotations__:
+            value = getattr(self, name)
+            left_out = name != "alpha" and (
+                value.size == 0
+                or (name in ("tau_bias", "engagement") and (value == FIELDS[name].default).all())
+            )
+            arguments[name] = None if left_out else value
         return arguments
 
     @property
@@ -289,8 +261,8 @@ class ForceProblem:
 
         Returns:
             A, shape (v, m), and b, shape (v,). Rows in this order: tau_hi, tau_lo, ceilings,
-            floors, the problem's own A. The columns of contacts that are out of the grasp are
-            zero, and rows that touch no other contacts are left out.
+            floors, rates above and below, the problem's own A. The columns of contacts that are
+            out of the grasp are zero, and rows that touch no other contacts are left out.
         """
         A, b = self._all_limits()
         if self.active.all():
@@ -315,6 +287,9 @@ class ForceProblem:
             parts.append((normals, self.engagement * self.c_max))
         if self.layout.floors:
             parts.append((-normals, -self.engagement * self.c_min))
+        if self.layout.rate_limits:
+            parts.append((np.eye(self.m), self.c_last + self.dc_max))
+            parts.append((-np.eye(self.m), self.dc_max - self.c_last))
         parts.append((self.A, self.b))
         return np.vstack([rows for rows, _ in parts]), np.concatenate([b for _, b in parts])
 
@@ -341,6 +316,7 @@ class ForceProblem:
         bounds = [f"{self.layout.joints} joints"] if self.layout.joints else []
         bounds += ["ceilings"] if self.layout.ceilings else []
         bounds += ["floors"] if self.layout.floors else []
+        bounds += ["rate limits"] if self.layout.rate_limits else []
         bounds += [f"{self.layout.inequalities} inequalities"] if self.layout.inequalities else []
         return (
             f"ForceProblem({contacts}; {', '.join(bounds) or 'no limits'}; "
@@ -365,7 +341,27 @@ def _models_for(models: ContactModel | Sequence[ContactModel], m: int) -> tuple[
     return each
 
 
-def _together(**arguments: object) -> None:
+def _write(packed: Array, name: str, slot: Slot, value: Any) -> None:
+    """Put an argument's numbers into their place, which fixes their shape."""
+    field = FIELDS[name]
+    if type(value) is not np.ndarray or value.dtype != np.float64 or value.shape != slot.shape:
+        shape: tuple[int | str, ...] = slot.shape
+        value = as_array(value, name, shape, broadcast=field.broadcast, finite=False)
+    packed[slot.start : slot.stop] = value.ravel()
+
+
+def _check_values(layout: Layout, packed: Array) -> None:
+    """Raise for the first number that is not finite or out of its range; the core has the words.
+
+    Raises:
+        InvalidInputError: there is one.
+    """
+    flaw = _native.module.find_flaw(layout, packed)
+    if flaw is not None:
+        _native.refuse(flaw)
+
+
+def _together(arguments: dict[str, object]) -> None:
     given = [name for name, value in arguments.items() if value is not None]
     missing = [name for name, value in arguments.items() if value is None]
     if given and missing:

@@ -295,7 +295,8 @@ def violation_scales(problem: ForceProblem) -> tuple[Array, Array]:
 
     A contact's *reach* is the normal force that alone would use up the tightest range among its
     joints' torques and its ceiling. A cone may be violated by mu·reach, a ceiling or floor by
-    reach, a torque limit by half its range, a row of A by what forces of the size of reach make.
+    reach, a torque limit or a rate limit by half its range, a row of A by what forces of the size
+    of reach make.
 
     Returns:
         scales of all rows that :meth:`ForceProblem.linear_limits` keeps, shape (v,), and of the
@@ -313,6 +314,7 @@ def violation_scales(problem: ForceProblem) -> tuple[Array, Array]:
     own = np.abs(problem.A) @ np.repeat(reach * problem.active, problem.layout.dims)
     rows = [half, half]
     rows += [reach] * (problem.layout.ceilings + problem.layout.floors)
+    rows += [problem.dc_max] * (2 * problem.layout.rate_limits)
     rows += [np.where(own > 0, own, np.maximum(np.abs(problem.b), fallback))]
     return np.concatenate(rows)[problem.counted_limits()], problem.mu * reach
 
@@ -428,7 +430,7 @@ def _nothing(problem: ForceProblem, status: Status) -> PlainOutcome:
 
 def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> PlainOutcome:
     layout = problem.layout
-    if not (layout.joints or layout.ceilings or layout.inequalities):
+    if not (layout.joints or layout.ceilings or layout.inequalities or layout.rate_limits):
         return _nothing(problem, Status.UNBOUNDED)
     if not wrench_reachable(problem):
         return _nothing(problem, Status.WRENCH_UNREACHABLE)

@@ -9,18 +9,17 @@ where that fails too from scratch.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from graspforce import _engine
-from graspforce._arrays import Array, require_instance
-from graspforce.contact import ContactModel
+from graspforce._arrays import Array, require_instance, require_keywords
 from graspforce.errors import InvalidInputError
+from graspforce.layout import FIELDS
 from graspforce.outcome import Status
-from graspforce.problem import ForceProblem
+from graspforce.problem import ForceProblem, ProblemArguments
 from graspforce.settings import Settings
 from graspforce.solution import Solution
 from graspforce.solve import DEFAULT
@@ -51,14 +50,47 @@ class Servo:
         InvalidInputError: an argument of the wrong kind.
 
     Attributes:
-        tick: Solve the next tick from the arrays below as they stand; returns its
-            :class:`Status`. Raises InvalidInputError where a number is not finite or out of its
-            range; the Servo then answers the next good tick as if nothing had happened.
+        W, f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, c_last, dc_max, A, b, mu,
+            gamma, alpha: the next tick's fields of a :class:`ForceProblem`, arrays that live in
+            the Servo and are written in place (``servo.alpha[...] = 3``); empty where the first
+            problem had none. With rate limits, ``c_last`` is overwritten by the forces of every
+            tick that is SOLVED.
     """
 
-    __slots__ = ("_backend", "_fields", "_layout", "_settings", "_step", "tick")
+    __slots__ = {
+        "_backend": None,
+        "_fields": None,
+        "_layout": None,
+        "_settings": None,
+        "_step": None,
+        "tick": """Solve the next tick from the fields as they stand, in the least time.
+
+        Returns:
+            The tick's :class:`Status`; the forces are in ``servo.c``.
+
+        Raises:
+            InvalidInputError: a number is not finite or out of its range; the Servo then answers
+                the next good tick as if nothing had happened.
+        """,
+    }
 
     tick: Callable[[], Status]
+    W: Array
+    f: Array
+    J: Array
+    tau_lo: Array
+    tau_hi: Array
+    tau_bias: Array
+    c_max: Array
+    c_min: Array
+    engagement: Array
+    c_last: Array
+    dc_max: Array
+    A: Array
+    b: Array
+    mu: Array
+    gamma: Array
+    alpha: Array
 
     def __init__(self, problem: ForceProblem, settings: Settings | None = None) -> None:
         require_instance(problem, "problem", ForceProblem)
@@ -70,24 +102,12 @@ class Servo:
         self._step = backend.step
         self.tick = backend.tick
 
-    def step(
-        self,
-        *,
-        f: ArrayLike | None = None,
-        W: ArrayLike | None = None,
-        J: ArrayLike | None = None,
-        tau_lo: ArrayLike | None = None,
-        tau_hi: ArrayLike | None = None,
-        tau_bias: ArrayLike | None = None,
-        c_max: ArrayLike | None = None,
-        c_min: ArrayLike | None = None,
-        engagement: ArrayLike | None = None,
-        A: ArrayLike | None = None,
-        b: ArrayLike | None = None,
-        alpha: float | None = None,
-        models: ContactModel | Sequence[ContactModel] | None = None,
-    ) -> Solution:
-        """Solve the next tick; arguments as for :class:`ForceProblem`, only what changed.
+    def step(self, **changes: Unpack[ProblemArguments]) -> Solution:
+        """Solve the next tick from what has changed: ``servo.step(f=f, W=W, J=J)``.
+
+        Args:
+            **changes: arguments of :class:`ForceProblem`, only those that changed; None stands
+                for no change. float64 arrays of the right shape are taken at once.
 
         Returns:
             This tick's solution. An infeasible tick is a status, not an exception.
@@ -95,26 +115,35 @@ class Servo:
         Raises:
             InvalidInputError: an argument is wrong; the Servo is as it was before the call.
         """
-        if models is None:
-            # The native backend takes plain float64 arrays of the right shape and valid numbers
-            # at once, and leaves everything else, unchanged, to the checks below.
-            solution = self._step(
-                W, f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, A, b, None, None, alpha
-            )
-            if solution is not None:
-                return solution
-        given: dict[str, Any] = {
-            "f": f, "W": W, "J": J, "tau_lo": tau_lo, "tau_hi": tau_hi, "tau_bias": tau_bias,
-            "c_max": c_max, "c_min": c_min, "engagement": engagement, "A": A, "b": b,
-            "alpha": alpha, "models": models,
-        }  # fmt: skip
+        # The native backend takes plain arrays with valid numbers, and leaves everything else,
+        # unchanged, to the checks below.
+        solution = self._step(changes)
+        if solution is not None:
+            return solution
+        require_keywords(changes, ProblemArguments.__annotations__, "Servo.step")
+        given: dict[str, Any] = {name: v for name, v in changes.items() if v is not None}
         now = ForceProblem.from_packed(self._layout, self._backend.numbers.copy())
-        return self._solve(now.replace(**{name: v for name, v in given.items() if v is not None}))
+        return self._solve(now.replace(**given), "step")
 
-    def _solve(self, problem: ForceProblem) -> Solution:
+    def step_to(self, problem: ForceProblem) -> Solution:
+        """Solve the next tick from a whole problem of the same layout.
+
+        Args:
+            problem: all fields of the tick, which become the Servo's.
+
+        Returns:
+            This tick's solution.
+
+        Raises:
+            InvalidInputError: no problem, or one of other contacts, joints or kinds of limits.
+        """
+        require_instance(problem, "problem", ForceProblem)
+        return self._solve(problem, "problem")
+
+    def _solve(self, problem: ForceProblem, argument: str) -> Solution:
         if problem.layout != self._layout:
             raise InvalidInputError(
-                f"step: got {problem!r}, expected the shape that the Servo was made with "
+                f"{argument}: got {problem!r}, expected the shape that the Servo was made with "
                 f"({self.problem!r}); make a new Servo for another"
             )
         return Solution(self._backend.step_problem(problem.packed), problem)
@@ -122,68 +151,6 @@ class Servo:
     def reset(self) -> None:
         """Forget the past optima: the next tick starts cold."""
         self._backend.reset()
-
-    # ---- the arrays that live in the Servo ----------------------------------------------------
-
-    @property
-    def f(self) -> Array:
-        """Wanted wrench of the next tick, shape (k,) [N, N·m]; write to it in place."""
-        return self._fields["f"]
-
-    @property
-    def W(self) -> Array:
-        """Grasp map of the next tick, shape (k, m); write to it in place."""
-        return self._fields["W"]
-
-    @property
-    def J(self) -> Array:
-        """Hand Jacobian of the next tick, shape (m, n_joints); write to it in place."""
-        return self._fields["J"]
-
-    @property
-    def tau_lo(self) -> Array:
-        """Lower torque limits of the next tick, shape (n_joints,) [N·m]; write in place."""
-        return self._fields["tau_lo"]
-
-    @property
-    def tau_hi(self) -> Array:
-        """Upper torque limits of the next tick, shape (n_joints,) [N·m]; write in place."""
-        return self._fields["tau_hi"]
-
-    @property
-    def tau_bias(self) -> Array:
-        """Torques already taken in the next tick, shape (n_joints,) [N·m]; write in place."""
-        return self._fields["tau_bias"]
-
-    @property
-    def c_max(self) -> Array:
-        """Ceilings of the next tick, shape (n,) [N], empty without any; write in place."""
-        return self._fields["c_max"]
-
-    @property
-    def c_min(self) -> Array:
-        """Floors of the next tick, shape (n,) [N], empty without any; write in place."""
-        return self._fields["c_min"]
-
-    @property
-    def engagement(self) -> Array:
-        """Engagements of the next tick, shape (n,); write in place."""
-        return self._fields["engagement"]
-
-    @property
-    def A(self) -> Array:
-        """Further limits A c ≤ b of the next tick, shape (p, m); write in place."""
-        return self._fields["A"]
-
-    @property
-    def b(self) -> Array:
-        """Right-hand sides of A c ≤ b of the next tick, shape (p,); write in place."""
-        return self._fields["b"]
-
-    @property
-    def alpha(self) -> Array:
-        """Weight of the limits of the next tick, shape (); write ``servo.alpha[...] = 3``."""
-        return self._fields["alpha"]
 
     # ---- what the last tick found -------------------------------------------------------------
 
@@ -228,3 +195,17 @@ class Servo:
 
     def __repr__(self) -> str:
         return f"Servo({self.problem!r}, {self._settings!r})"
+
+
+def _field(name: str) -> property:
+    def view(servo: Servo) -> Array:
+        return servo._fields[name]  # pyright: ignore[reportPrivateUsage]
+
+    shape = f"({', '.join(FIELDS[name].shape)}{',' * (len(FIELDS[name].shape) == 1)})"
+    return property(
+        view, doc=f"{FIELDS[name].doc} of the next tick, shape {shape}; write in place."
+    )
+
+
+for _name in FIELDS:
+    setattr(Servo, _name, _field(_name))

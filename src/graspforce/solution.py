@@ -18,8 +18,9 @@ from graspforce._arrays import Array, require_instance, signless
 from graspforce.certificate import Certificate
 from graspforce.contact import UNIT_TOLERANCE
 from graspforce.errors import InfeasibleGraspError, InvalidInputError, NotConvergedError
+from graspforce.layout import Layout
 from graspforce.outcome import Outcome, PlainOutcome, Start, Status, TickOutcome
-from graspforce.problem import ForceProblem, Layout
+from graspforce.problem import ForceProblem
 
 # SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
 WRENCH_TOLERANCE = 1e-9

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce import _engine
-from graspforce._arrays import as_array, require_instance
+from graspforce._arrays import require_instance
 from graspforce.problem import ForceProblem
 from graspforce.settings import Settings
 from graspforce.solution import Solution
@@ -43,8 +43,7 @@ def solve(
         settings = DEFAULT
     elif settings.__class__ is not Settings:
         require_instance(settings, "settings", Settings)
-    guess = None if start is None else as_array(start, "start", (problem.m,))
-    solution = _engine.solve(problem, settings, guess, Solution)
+    solution = _engine.solve(problem, settings, start, Solution)
     if check is not False:
         require_instance(check, "check", bool | np.bool_, "True or False")
         if check:

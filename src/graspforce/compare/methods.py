@@ -94,13 +94,7 @@ class _Stream:
     def __call__(self, problem: ForceProblem) -> Solution:
         if self._servo is None:
             self._servo = Servo(problem)
-        ceilings = problem.layout.ceilings
-        return self._servo.step(
-            f=problem.f,
-            W=problem.W,
-            J=problem.J if problem.layout.joints else None,
-            engagement=problem.engagement if ceilings else None,
-        )
+        return self._servo.step_to(problem)
 
 
 class _Update:

@@ -20,12 +20,10 @@ from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.errors import InvalidInputError
 from graspforce.files.named import NamedProblem, default_name, place
 from graspforce.grasp import Grasp
-from graspforce.problem import ForceProblem
+from graspforce.problem import ForceProblem, ProblemOptions
 
 # Keys of a grasp that are arguments of ForceProblem as they stand.
-_OPTIONS = (
-    "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement", "A", "b", "alpha",
-)  # fmt: skip
+_OPTIONS = tuple(ProblemOptions.__annotations__)
 _TYPE_WORDS = {"array": "an array", "object": "an object"}
 
 

@@ -17,14 +17,22 @@ from graspforce._arrays import as_array, require
 from graspforce.contact import PCWF
 from graspforce.errors import InvalidInputError
 from graspforce.files.named import NamedProblem, default_name, place
+from graspforce.layout import FIELDS
 from graspforce.problem import ForceProblem
 
-# Each must be a stack; the value is the shape of one entry, as an error text says it.
-_STACKS = {"W": "k, m", "f": "k", "J": "m, n_joints", "A": "p, m", "b": "p"}
-# Each may be a number for all, a number a grasp (B,), or a stack (B, n) or (B, n_joints).
+# Each may be a number for all, a number a grasp (B,), or a stack (B, n), (B, n_joints) or (B, m).
 _PER_GRASP = (
-    "mu", "tau_limit", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement", "alpha",
-)  # fmt: skip
+    "mu",
+    "tau_limit",
+    *(name for name, field in FIELDS.items() if field.broadcast or not field.shape),
+)
+# Each must be a stack; the value is the shape of one entry, as an error text says it. Contacts are
+# PCWF: there is no gamma.
+_STACKS = {
+    name: ", ".join(field.shape)
+    for name, field in FIELDS.items()
+    if name not in (*_PER_GRASP, "gamma")
+}
 # Either gives the names; the first that is there.
 _NAMES = ("names", "object")
 _KEYS = (*_STACKS, *_PER_GRASP, *_NAMES)

@@ -134,8 +134,7 @@ def run(
     solutions: list[Solution] = []
     for k, problem in enumerate(scenario.problems()):
         servo = servo or Servo(problem, settings)
-        engagement = problem.engagement if problem.layout.ceilings else None
-        solutions.append(servo.step(f=problem.f, W=problem.W, J=problem.J, engagement=engagement))
+        solutions.append(servo.step_to(problem))
         if progress is not None:
             progress(k)
     tau = np.array([each.tau for each in solutions])
