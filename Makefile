@@ -4,7 +4,7 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: reproduce test matrix matrix-short lint bench campaign fuzz soak portable clean
+.PHONY: reproduce test matrix matrix-short lint bench instructions campaign fuzz soak portable clean
 CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp')
 
 reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
@@ -30,6 +30,9 @@ lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order,
 
 bench: $(VENV)/test.installed  ## time this machine
 	$(VENV)/bin/python -m graspforce bench
+
+instructions: $(VENV)/test.installed  ## what a tick of the core may take, counted by Valgrind
+	$(VENV)/bin/python benchmarks/instructions.py --gate
 
 campaign: $(VENV)/test.installed  ## a million random grasps against another solver, some 30 minutes
 	rm -f build/campaign.txt && mkdir -p build

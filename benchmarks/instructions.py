@@ -24,13 +24,17 @@ from rich.console import Console
 from rich.table import Table
 from saving import show, writable
 
-from graspforce import _engine, scenarios
+from graspforce import _core, _engine, scenarios
 from graspforce.cli.process import as_command
 from graspforce.compare import methods
 
 FIRST = 2  # ticks that warm up, in a stream and otherwise
 TICKS = {"wbf": 200, "gradient_flow": 1, "neural_network": 2}  # to count; of the others MANY
 MANY = 10
+
+CORE = "wbf, C++ alone"
+# What the core may take with AVX2, which is what Valgrind offers it at most; from scratch or not.
+MOST = {True: 6_750, False: 2_250}
 
 # A name, how many ticks to count, and what makes a function that runs so many.
 Work = tuple[str, int, Callable[[], Callable[[int], object]]]
@@ -51,9 +55,7 @@ def works() -> list[Work]:
 
     found: list[Work] = []
     for cold in (True, False):
-        found.append(
-            (f"wbf, C++ alone|{cold}", len(problems), lambda cold=cold: _native(problems, cold))
-        )
+        found.append((f"{CORE}|{cold}", len(problems), lambda cold=cold: _native(problems, cold)))
     for name in methods.NAMES:
         if name == "socp_norm_moreau":  # its threads do not survive a fork
             continue
@@ -74,10 +76,12 @@ def _native(problems: list, cold: bool) -> Callable[[int], object]:
     )
 
 
-def count_all() -> None:
+def count_all(core_alone: bool) -> None:
     """Fork a child for every count; runs under Valgrind, one output file a process."""
     gc.disable()
     for name, count, prepare in works():
+        if core_alone and not name.startswith(CORE):
+            continue
         run = prepare()
         for ticks in (count, 2 * count):
             child = os.fork()
@@ -88,12 +92,12 @@ def count_all() -> None:
             print(f"{child}|{name}|{ticks}", flush=True)
 
 
-def measure(tell: Callable[[str], None]) -> dict[tuple[str, bool], float]:
+def measure(tell: Callable[[str], None], core_alone: bool = False) -> dict[tuple[str, bool], float]:
     """Return instructions a tick by name and whether from scratch."""
     quiet = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "PYTHONHASHSEED": "0"}
     with tempfile.TemporaryDirectory() as folder:
         command = ["valgrind", "--quiet", "--tool=callgrind", f"--callgrind-out-file={folder}/%p",
-                   sys.executable, __file__, "--inside"]  # fmt: skip
+                   sys.executable, __file__, "--inside", *["--gate"] * core_alone]  # fmt: skip
         run = subprocess.Popen(command, env=os.environ | quiet, stdout=subprocess.PIPE, text=True)
         totals: dict[tuple[str, bool], list[tuple[int, int]]] = {}
         assert run.stdout is not None
@@ -125,14 +129,31 @@ def table(found: dict[tuple[str, bool], float]) -> Table:
     return result
 
 
+def gate() -> int:
+    """Count the core alone and compare it with MOST; 1 where it takes more."""
+    if not {"avx2", "avx512"} & set(_core.instruction_sets()):
+        print("this processor has no AVX2, for which the limits are made")
+        return 0
+    found = measure(lambda _: None, core_alone=True)
+    for cold, most in MOST.items():
+        words = "cold solve" if cold else "warm tick"
+        print(f"{words}: {found[CORE, cold]:,.0f} instructions, {most:,} at most")
+    return int(any(found[CORE, cold] > most for cold, most in MOST.items()))
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--save", type=writable, help="write the table to this file")
+    parser.add_argument(
+        "--gate", action="store_true", help="count the core alone, and fail where it takes more"
+    )
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.inside:
-        count_all()
+        count_all(options.gate)
         return 0
+    if options.gate:
+        return gate()
     console = Console()
     with console.status("counting") as status:
         found = measure(lambda name: status.update(f"counted {name}"))

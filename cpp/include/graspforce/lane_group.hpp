@@ -170,18 +170,14 @@ struct LaneGroup {
       worst = min(worst, above);
       add_row(*row, limit_weight * up, limit_weight * up * up);
     }
-    auto bound = [&](int i, Lanes room, double sign) {
+    auto bound_normal = [&](Lanes room, double sign) {
       worst = min(worst, room);
       const Lanes inverse = 1 / room;
-      sum_g[i] += (sign * limit_weight) * inverse;
-      if (with_hessian) sum_H[at(i, i)] += limit_weight * inverse * inverse;
+      sum_g[0] += (sign * limit_weight) * inverse;
+      if (with_hessian) sum_H[0] += limit_weight * inverse * inverse;
     };
-    if (layout.ceilings) bound(0, ceiling - c[0], 1);
-    if (layout.floors) bound(0, c[0] - floor, -1);
-    for (int i = 0; i < Q && layout.rate_limits; ++i) {
-      bound(i, rate_hi[i] - c[i], 1);
-      bound(i, c[i] - rate_lo[i], -1);
-    }
+    if (layout.ceilings) bound_normal(ceiling - c[0], 1);
+    if (layout.floors) bound_normal(c[0] - floor, -1);
 
     const Lanes inverse_det = 1 / ((height - radius) * (height + radius)), twice = 2 * inverse_det;
     const Lanes scaled = cone_weight * twice;
@@ -201,6 +197,20 @@ struct LaneGroup {
         for (int j = 0; j < i; ++j) H[at(i, j)] = sum_H[at(i, j)] + outer * first[j];
         H[at(i, i)] = (sum_H[at(i, i)] + scaled * weight(i) * weight(i)) + outer * first[i];
       }
+    }
+    return layout.rate_limits ? add_rates<with_hessian>(limit_weight, worst) : worst;
+  }
+
+  // The rate limits' share of gradient and Hessian; returns the least slack, theirs included.
+  // Apart, because few problems have any.
+  template <bool with_hessian>
+  GRASPFORCE_APART Lanes add_rates(double limit_weight, Lanes worst) {
+    for (int i = 0; i < Q; ++i) {
+      const Lanes above = rate_hi[i] - c[i], below = c[i] - rate_lo[i];
+      const Lanes up = 1 / above, down = 1 / below;
+      worst = min(worst, min(above, below));
+      g[i] += limit_weight * (up - down);
+      if (with_hessian) H[at(i, i)] += limit_weight * (up * up + down * down);
     }
     return worst;
   }
