@@ -121,5 +121,5 @@ def test_a_run_before_that_is_missing_is_named():
 def bench_command(*arguments):
     return subprocess.run(
         [sys.executable, "-m", "graspforce", "bench", "--effort", "1", *map(str, arguments)],
-        capture_output=True, text=True,
+        capture_output=True, encoding="utf-8",
     )  # fmt: skip

@@ -16,7 +16,7 @@ def run(core):
     if core is not None:
         environment["GRASPFORCE_CORE"] = core
     return subprocess.run(
-        [sys.executable, "-c", PRINT], env=environment, capture_output=True, text=True
+        [sys.executable, "-c", PRINT], env=environment, capture_output=True, encoding="utf-8"
     )
 
 

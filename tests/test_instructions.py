@@ -115,7 +115,7 @@ def test_the_campaign_appends_and_tells_what_it_cannot_write(tmp_path):
     path.write_text("before\n")
     shell = subprocess.run(
         ["/bin/sh", "-c", 'exec "$@" >&-', "sh", *command, "--save", path],
-        capture_output=True, text=True, timeout=120,
+        capture_output=True, encoding="utf-8", timeout=120,
     )  # fmt: skip
     assert shell.returncode == 2
     assert shell.stderr.endswith("standard output: cannot write to it: Bad file descriptor\n")
@@ -123,7 +123,7 @@ def test_the_campaign_appends_and_tells_what_it_cannot_write(tmp_path):
     assert text.startswith("before\n")
     assert text.count("cores, Python") == 1
     refused = subprocess.run(
-        [*command, "--save", tmp_path], capture_output=True, text=True, timeout=120
+        [*command, "--save", tmp_path], capture_output=True, encoding="utf-8", timeout=120
     )
     assert refused.returncode == 2
     assert f"{tmp_path}: got a directory, expected a file to write" in refused.stderr

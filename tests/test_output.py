@@ -481,7 +481,7 @@ def process(code, *arguments, **options):
     """Run Python code in a process of its own."""
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8", **options,
     )  # fmt: skip
 
 

@@ -250,7 +250,7 @@ def test_without_opengl_all_but_the_film_is_there(setting, tmp_path):
 def without_opengl(setting, *arguments):
     return subprocess.run(
         [sys.executable, "-W", "ignore", "-c", NO_OPENGL, *map(str, arguments)],
-        capture_output=True, text=True, env={**os.environ, "MUJOCO_GL": setting},
+        capture_output=True, encoding="utf-8", env={**os.environ, "MUJOCO_GL": setting},
     )  # fmt: skip
 
 
@@ -259,7 +259,7 @@ def without_opengl(setting, *arguments):
 
 def test_without_mujoco_the_pip_line_is_named():
     code = "import sys; sys.modules['mujoco'] = None; import graspforce; graspforce.sim"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8")
     assert re.search(r"pip install .*'mujoco[<>=]", run.stderr.splitlines()[-1])
 
 

@@ -68,7 +68,7 @@ def run(*arguments, cwd=None, redirect=""):
     """Run ``graspforce`` in a shell, with a redirection; nothing may ever be a traceback."""
     done = subprocess.run(
         ["/bin/sh", "-c", f'exec "$@" {redirect}', "sh", *COMMAND, *map(str, arguments)],
-        cwd=cwd, capture_output=True, text=True, timeout=120,
+        cwd=cwd, capture_output=True, encoding="utf-8", timeout=120,
     )  # fmt: skip
     assert "Traceback" not in done.stderr
     return done
@@ -102,10 +102,11 @@ def test_the_check_itself_sees_what_steers():
 def test_nothing_from_a_file_steers_the_terminal(tmp_path):
     """Unused keys and names of an NPZ, keys and names of a JSON, their paths, the output's."""
     evil = "".join(STEERING)
-    path = tmp_path / f"grasps{evil}.npz"
+    named = os.fsdecode(evil.encode())  # as an argument, whatever the locale
+    path = tmp_path / f"grasps{named}.npz"
     grasp = {"W": np.eye(3)[None], "f": [[1.0, 0, 0]], "mu": 0.5, "c_max": 20.0}
     np.savez(path, **grasp, names=np.array([f"name {evil} [bold]b"]), **{f"key {evil}": [0.0]})
-    out = tmp_path / f"out {evil}.json"
+    out = tmp_path / f"out {named}.json"
     code, shown = in_terminal("solve", path, "--out", out)
     assert code == 0
     assert not steers(shown)
@@ -121,21 +122,21 @@ def test_nothing_from_a_file_steers_the_terminal(tmp_path):
         json.dumps({**SMALL, "models": [{"model": f"model {evil}"}]}),
         f'{{"key {json.dumps(evil)[1:-1]}": 1, "key {json.dumps(evil)[1:-1]}": 1}}',
     ):
-        bad = tmp_path / f"bad {evil}.json"
+        bad = tmp_path / f"bad {named}.json"
         bad.write_text(text, encoding="utf-8")
         code, shown = in_terminal("solve", bad)
         assert code == 2
         assert not steers(shown)
         assert shown.count(b"\n") == 1
     for arguments in (
-        ["solve", bad, "--out", tmp_path / f"no {evil}" / "x.json"],
-        ["solve", tmp_path / f"none {evil}.json"],
-        ["solve", tmp_path / f"ending.{evil}"],
-        ["compare", tmp_path / f"none {evil}.json"],
-        ["bench", "--compare", tmp_path / f"none {evil}.json"],
-        ["solve", path, f"one too many {evil}"],
-        ["solve", path, f"--option{evil}"],
-        [f"command{evil}"],
+        ["solve", bad, "--out", tmp_path / f"no {named}" / "x.json"],
+        ["solve", tmp_path / f"none {named}.json"],
+        ["solve", tmp_path / f"ending.{named}"],
+        ["compare", tmp_path / f"none {named}.json"],
+        ["bench", "--compare", tmp_path / f"none {named}.json"],
+        ["solve", path, f"one too many {named}"],
+        ["solve", path, f"--option{named}"],
+        [f"command{named}"],
     ):
         code, shown = in_terminal(*arguments)
         assert code == 2
@@ -266,7 +267,7 @@ def test_a_reader_that_goes_away_costs_no_file(tmp_path):
     os.close(reader)
     done = subprocess.run(
         [*COMMAND, "solve", SEVERAL, "--out", out],
-        stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60,
+        stdout=writer, stderr=subprocess.PIPE, encoding="utf-8", timeout=60,
     )  # fmt: skip
     os.close(writer)
     assert (done.returncode, done.stderr) == (1, "")
@@ -377,7 +378,7 @@ def test_a_comparison_splits_no_number(tmp_path, columns):
     assert max(map(len, lines)) <= columns
     assert path.endswith(str(tmp_path))
     text = "\n".join(lines)
-    document = json.loads((tmp_path / "comparison.json").read_text())
+    document = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
     for row in document["rows"]:
         if "missing" in row:
             continue
@@ -469,7 +470,7 @@ def test_the_hint_where_graspforce_itself_is_not_installed(monkeypatch):
 
 
 def test_every_extra_that_is_named_has_packages():
-    source = "\n".join(path.read_text() for path in (ROOT / "src").rglob("*.py"))
+    source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
     named = set(re.findall(r'MissingExtraError\([^)]*, "(\w+)"\)', source))
     assert named >= {"figures", "baselines", "sim", "pinocchio"}
     for extra in named | {"mujoco", "solvers"}:
@@ -484,7 +485,7 @@ def test_a_slip_in_a_file_is_one_line_of_warning(tmp_path):
     path = tmp_path / "mm.json"
     path.write_text(json.dumps({"contacts": contacts, "f": [0, 0, 1, 0, 0, 0], "c_max": 20}))
     run = subprocess.run(
-        [sys.executable, "-m", "graspforce", "solve", path], capture_output=True, text=True
+        [sys.executable, "-m", "graspforce", "solve", path], capture_output=True, encoding="utf-8"
     )
     assert run.returncode == 0
     (line,) = run.stderr.splitlines()

@@ -72,7 +72,7 @@ def test_the_type_checker_objects_to_misspelt_keywords_and_to_nothing_else():
             CALLS,
         ],
         capture_output=True,
-        text=True,
+        encoding="utf-8",
         cwd=CALLS.parents[1],
         check=False,
     )
