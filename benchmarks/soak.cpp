@@ -64,8 +64,8 @@ class Stream {
     ++tally.verdicts[static_cast<int>(status)];
     tally.steps += servo_.result().newton_steps;
     tally.longest = std::max(tally.longest, long(servo_.result().newton_steps));
-    const char* fault =
-        Judge(grasp_.layout, servo_.snapshot()->data()).find_fault(servo_.engine(), servo_.result());
+    const char* fault = Judge(grasp_.layout, servo_.snapshot()->data())
+                            .find_fault(servo_.engine(), servo_.result());
     std::copy(servo_.c_last.begin(), servo_.c_last.end(), grasp_.data.c_last.begin());
     if (fault == nullptr && servo_.refusal()) fault = "good numbers, refused";
     if (fault != nullptr) {

@@ -136,7 +136,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t cou
       continue;
     }
     before = servo;
-    const char* fault = Judge(layout, servo.snapshot()->data()).find_fault(servo.engine(), servo.result());
+    const char* fault =
+        Judge(layout, servo.snapshot()->data()).find_fault(servo.engine(), servo.result());
     if (fault != nullptr) complain(fault, servo.result(), servo);
     if (servo.result().newton_steps > servo.settings.max_steps)
       complain("more steps than allowed", servo.result(), servo);

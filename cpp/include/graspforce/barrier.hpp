@@ -37,10 +37,10 @@ class Barrier : public BlockPoint {
     BlockPoint::allot();
     const std::size_t k = blocks_.layout().wrench_rows;
     std::size_t total = 0;
-    for (const Part& part : blocks_.parts()) total += part.q * (2 + part.q + k);
+    for (const BlockData& part : blocks_.parts()) total += part.q * (2 + part.q + k);
     arena_.reset(total);
     work_.clear();
-    for (const Part& part : blocks_.parts()) {
+    for (const BlockData& part : blocks_.parts()) {
       const std::size_t q = part.q;
       work_.push_back({arena_.take(q), arena_.take(q), arena_.take(q * q), arena_.take(q * k)});
     }

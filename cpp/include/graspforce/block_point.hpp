@@ -20,7 +20,7 @@ class BlockPoint {
   void allot() {
     first_.clear();
     int next = 0;
-    for (const Part& part : blocks_.parts()) {
+    for (const BlockData& part : blocks_.parts()) {
       first_.push_back(next);
       next += part.q;
     }
@@ -118,7 +118,7 @@ class BlockPoint {
 
  protected:
   int count() const { return static_cast<int>(first_.size()); }
-  const Part& part(int b) const { return blocks_.parts()[b]; }
+  const BlockData& part(int b) const { return blocks_.parts()[b]; }
   double* c(int b) { return c_.data() + first_[b]; }
   double* d(int b) { return d_.data() + first_[b]; }
   const double* c(int b) const { return c_.data() + first_[b]; }

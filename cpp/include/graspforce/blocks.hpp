@@ -47,7 +47,7 @@ struct Tip {
   double cone_scale;  // violation of the cone that counts as one, mu·reach
 };
 
-struct Part {
+struct BlockData {
   const Block* block;
   int q, rows;  // components, rows
   Span<Tip> tips;
@@ -80,8 +80,8 @@ class Blocks {
     Tip* tips = tips_.data();
     for (const Block& block : structure.blocks()) {
       const std::size_t q = block.components.size(), rows = count_rows(block);
-      Part part{&block,  int(q),  int(rows), {tips, block.contacts.size()}, nullptr, nullptr,
-                nullptr, nullptr, nullptr};
+      BlockData part{&block,  int(q),  int(rows), {tips, block.contacts.size()}, nullptr, nullptr,
+                     nullptr, nullptr, nullptr};
       int first = 0;
       for (int contact : block.contacts) {
         *tips++ = {contact, first, {structure.dim(contact), 1, 1}, 1, 1};
@@ -101,7 +101,7 @@ class Blocks {
     k_ = layout_.wrench_rows;
     for (int r = 0; r < k_; ++r) rows_in_use_[r] = r;
     std::copy(p.f, p.f + k_, f_.begin());
-    for (Part& part : parts_) {
+    for (BlockData& part : parts_) {
       load_wrench_rows(p, part);
       load_limits(p, part);
     }
@@ -113,11 +113,11 @@ class Blocks {
     k_ = static_cast<int>(rows.size());
     std::copy(rows.begin(), rows.end(), rows_in_use_.begin());
     for (int r = 0; r < k_; ++r) f_[r] = p.f[rows[r]];
-    for (Part& part : parts_) load_wrench_rows(p, part);
+    for (BlockData& part : parts_) load_wrench_rows(p, part);
   }
 
   const Layout& layout() const { return layout_; }
-  const std::vector<Part>& parts() const { return parts_; }
+  const std::vector<BlockData>& parts() const { return parts_; }
   int k() const { return k_; }                      // rows of W c = f in use
   const double* f() const { return f_.data(); }     // their right-hand sides
   int row(int r) const { return rows_in_use_[r]; }  // where row r stands in the problem
@@ -125,7 +125,7 @@ class Blocks {
   double size() const {
     double most = 0;
     for (int r = 0; r < k(); ++r) most = std::max(most, std::abs(f()[r]));
-    for (const Part& part : parts_)
+    for (const BlockData& part : parts_)
       for (int r = 0; r < part.rows; ++r) {
         double largest = 0, bound = 0;
         for (int i = 0; i < part.q; ++i)
@@ -139,7 +139,7 @@ class Blocks {
 
   // How row r of a part stands among the rows of ForceProblem.linear_limits(), before any are
   // left out: first its upper side, then its lower; −1 for a side that the problem does not have.
-  std::pair<int, int> limit_indices(const Part& part, int r) const {
+  std::pair<int, int> limit_indices(const BlockData& part, int r) const {
     const int joints = layout_.joints, n = layout_.contacts();
     const int block_joints = part.block->joints.size();
     const int inequalities = part.block->inequalities.size();
@@ -174,14 +174,14 @@ class Blocks {
            (layout_.rate_limits ? block.components.size() : 0);
   }
 
-  void load_wrench_rows(const Problem& p, Part& part) {
+  void load_wrench_rows(const Problem& p, BlockData& part) {
     const int m = layout_.components();
     for (int i = 0; i < part.q; ++i)
       for (int r = 0; r < k_; ++r)
         part.Wt[i * k_ + r] = p.W[rows_in_use_[r] * m + part.block->components[i]];
   }
 
-  void load_limits(const Problem& p, Part& part) {
+  void load_limits(const Problem& p, BlockData& part) {
     const Block& block = *part.block;
     double* a = part.a;
     int r = 0;
@@ -221,7 +221,7 @@ class Blocks {
   // What one unit of relative violation means; the definition is reference.violation_scales.
   void scale_violations() {
     double known = 0, wrench = 0;
-    for (Part& part : parts_) {
+    for (BlockData& part : parts_) {
       const int joints = part.block->joints.size();
       const int others = joints + part.block->inequalities.size();
       for (int r = 0; r < joints; ++r) part.scale[r] = 0.5 * (part.hi[r] - part.lo[r]);
@@ -237,7 +237,7 @@ class Blocks {
     }
     for (int r = 0; r < k_; ++r) wrench = std::max(wrench, std::abs(f_[r]));
     const double fallback = known > 0 ? known : wrench > 0 ? wrench : 1;
-    for (Part& part : parts_) {
+    for (BlockData& part : parts_) {
       for (Tip& tip : part.tips) {
         if (!(tip.reach < kInfinity)) tip.reach = fallback;
         tip.cone_scale = tip.cone.mu * tip.reach;
@@ -259,7 +259,7 @@ class Blocks {
   int k_;
   std::vector<int> rows_in_use_;
   std::vector<double> f_;
-  std::vector<Part> parts_;
+  std::vector<BlockData> parts_;
   std::vector<Tip> tips_;
   Arena arena_;
 };
@@ -271,7 +271,7 @@ double relative_wrench_error(const Blocks& blocks, Forces forces) {
   for (int r = 0; r < blocks.k(); ++r) {
     double sum = 0, size = std::abs(blocks.f()[r]);
     for (std::size_t b = 0; b < blocks.parts().size(); ++b) {
-      const Part& part = blocks.parts()[b];
+      const BlockData& part = blocks.parts()[b];
       const double* c = forces(b);
       for (int i = 0; i < part.q; ++i) {
         const double wrench = part.Wt[i * blocks.k() + r] * c[i];

@@ -53,10 +53,10 @@ class Engine {
       : layout_(layout),
         offsets_(layout),
         structure_(layout_),
-        one_of_three_(layout_),
-        one_of_four_(layout_),
-        three_(layout_),
-        four_(layout_),
+        lanes3_single_(layout_),
+        lanes4_single_(layout_),
+        lanes3_(layout_),
+        lanes4_(layout_),
         blocks_(layout_),
         barrier_(blocks_),
         least_squares_(blocks_),
@@ -92,8 +92,9 @@ class Engine {
     const DefaultFloatingPoint environment;
     const Problem problem(offsets_, packed);
     if (start == nullptr && layout_.rate_limits) start = problem.c_last;
-    unseen_ = kChangedAll;  // the next tick's numbers are compared with these, not with its last
-    in_core(problem, settings, kChangedAll, [&](auto& barrier, Budget& budget, unsigned) {
+    pending_changes_ =
+        kChangedAll;  // the next tick's numbers are compared with these, not with its last
+    dispatch(problem, settings, kChangedAll, [&](auto& barrier, Budget& budget, unsigned) {
       double lambda = kInfinity;
       if (start != nullptr) {
         result_.start = Start::Given;
@@ -111,26 +112,26 @@ class Engine {
                      unsigned changed = kChangedAll) {
     const DefaultFloatingPoint environment;
     const Problem problem(offsets_, packed);
-    changed |= unseen_;
-    unseen_ = 0;
-    in_core(problem, settings, changed, [&](auto& barrier, Budget& budget, unsigned news) {
+    changed |= pending_changes_;
+    pending_changes_ = 0;
+    dispatch(problem, settings, changed, [&](auto& barrier, Budget& budget, unsigned news) {
       if (news & kChangedRest) {
         for (int i = 0; i < layout_.contacts(); ++i)
           ceiling_[i] = layout_.ceilings ? problem.engagement[i] * problem.c_max[i] : 1;
-        steady_ = 0;
+        ticks_since_limits_changed_ = 0;
       } else {
-        ++steady_;
+        ++ticks_since_limits_changed_;
       }
       run(barrier, problem, predict(barrier, problem), settings.tol, budget);
     });
     // A tick that ran out of budget goes on from where it stopped.
     const bool unfinished = result_.status == Status::MaxSteps && wrench_error_ < kInfinity;
-    if (result_.status != Status::Solved) known_ = 0;
+    if (result_.status != Status::Solved) history_size_ = 0;
     if (result_.status == Status::Solved || unfinished) remember(problem);
     return result_;
   }
 
-  void reset() { known_ = 0; }
+  void reset() { history_size_ = 0; }
 
  private:
   // Decrement at an extrapolated start above which the last optimum is looked at as well.
@@ -140,11 +141,11 @@ class Engine {
     std::vector<double> c, ceiling;
   };
 
-  enum class Kernels { General, OneOfThree, OneOfFour, Three, Four };
+  enum class Kernels { General, Lanes3Single, Lanes4Single, Lanes3, Lanes4 };
 
   // Loads the problem and hands it to the kernels that fit it, with what is new to them.
   template <class Work>
-  void in_core(const Problem& problem, const Settings& settings, unsigned changed, Work work) {
+  void dispatch(const Problem& problem, const Settings& settings, unsigned changed, Work work) {
     result_ = Result();
     if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0 &&
         !layout_.rate_limits)
@@ -158,21 +159,21 @@ class Engine {
     if (structure_.blocks().empty()) return answer_idle(problem);
     auto work_on = [&](auto& rows, auto& barrier) {
       rows.load(problem, changed);
-      if (was_deficient_) examine(rows, problem);
+      if (was_deficient_) reduce_rank(rows, problem);
       work(barrier, budget, changed);
     };
     switch (kernels_) {
-      case Kernels::OneOfThree:
-        work_on(one_of_three_, one_of_three_);
+      case Kernels::Lanes3Single:
+        work_on(lanes3_single_, lanes3_single_);
         break;
-      case Kernels::OneOfFour:
-        work_on(one_of_four_, one_of_four_);
+      case Kernels::Lanes4Single:
+        work_on(lanes4_single_, lanes4_single_);
         break;
-      case Kernels::Three:
-        work_on(three_, three_);
+      case Kernels::Lanes3:
+        work_on(lanes3_, lanes3_);
         break;
-      case Kernels::Four:
-        work_on(four_, four_);
+      case Kernels::Lanes4:
+        work_on(lanes4_, lanes4_);
         break;
       case Kernels::General:
         barrier_.set_weights(*problem.alpha);
@@ -199,10 +200,10 @@ class Engine {
       kernels_ = kernels;
       barrier.allot(structure_);
     };
-    prefer(one_of_three_, Kernels::OneOfThree);
-    prefer(one_of_four_, Kernels::OneOfFour);
-    prefer(three_, Kernels::Three);
-    prefer(four_, Kernels::Four);
+    prefer(lanes3_single_, Kernels::Lanes3Single);
+    prefer(lanes4_single_, Kernels::Lanes4Single);
+    prefer(lanes3_, Kernels::Lanes3);
+    prefer(lanes4_, Kernels::Lanes4);
   }
 
   bool finite() const {
@@ -253,15 +254,15 @@ class Engine {
 
   // Reduces W c = f to independent rows where it has others.
   template <class Rows>
-  void examine(Rows& rows, const Problem& problem) {
+  void reduce_rank(Rows& rows, const Problem& problem) {
     rank_.run(problem);
     rank_known_ = true;
     unreachable_ = rank_.overflows() || !rank_.reachable();
     was_deficient_ = rank_.deficient();
     if (was_deficient_) rows.restrict_rows(problem, rank_.rows());
   }
-  void examine(Barrier&, const Problem& problem) { examine(blocks_, problem); }
-  void examine(OrthogonalBarrier&, const Problem& problem) { examine(blocks_, problem); }
+  void reduce_rank(Barrier&, const Problem& problem) { reduce_rank(blocks_, problem); }
+  void reduce_rank(OrthogonalBarrier&, const Problem& problem) { reduce_rank(blocks_, problem); }
 
   // Decrement of the Newton step from the barrier's point; infinite outside the limits, and when
   // f turns out to be out of W's range.
@@ -270,7 +271,7 @@ class Engine {
     if (unreachable_ || !barrier.evaluate()) return kInfinity;
     const double lambda = barrier.newton();
     if (rank_known_ || barrier.sound()) return lambda;
-    examine(barrier, problem);
+    reduce_rank(barrier, problem);
     return first_step(barrier, problem);
   }
 
@@ -280,12 +281,12 @@ class Engine {
   double predict(AnyBarrier& barrier, const Problem& problem) {
     double ahead = kInfinity;
     result_.start = Start::Extrapolated;
-    if (known_ == 2) {
+    if (history_size_ == 2) {
       extrapolate(barrier, problem, 2);
       ahead = first_step(barrier, problem);
       if (ahead < kPromising) return ahead;
     }
-    if (known_ == 0) return kInfinity;
+    if (history_size_ == 0) return kInfinity;
     result_.start = Start::Held;
     extrapolate(barrier, problem, 1);
     const double hold = first_step(barrier, problem);
@@ -301,7 +302,8 @@ class Engine {
   template <class AnyBarrier>
   void extrapolate(AnyBarrier& barrier, const Problem& problem, int order) {
     const Past &last = past_[newest_], &before = past_[1 - newest_];
-    if (steady_ >= 2 && order == 2) {  // the ceilings are those of the last two ticks
+    if (ticks_since_limits_changed_ >= 2 &&
+        order == 2) {  // the ceilings are those of the last two ticks
       barrier.extrapolate(last.c.data(), before.c.data());
       return;
     }
@@ -337,7 +339,7 @@ class Engine {
     barrier.set_pushes(push(problem));
     lambda = first_step(barrier, problem);
     if (lambda < kInfinity && newton(barrier, lambda, tol, budget, false)) return;
-    if (!rank_known_) examine(barrier, problem);
+    if (!rank_known_) reduce_rank(barrier, problem);
     if (unreachable_)
       return answer_nothing(rank_.overflows() ? Status::InvalidNumbers : Status::WrenchUnreachable);
     std::fill(nu_.begin(), nu_.end(), 0.0);
@@ -401,9 +403,10 @@ class Engine {
   void remember(const Problem& problem) {
     newest_ = 1 - newest_;
     std::copy(c_.begin(), c_.end(), past_[newest_].c.begin());
-    for (int i = 0; (known_ < 2 || steady_ < 2) && i < layout_.contacts(); ++i)
+    for (int i = 0;
+         (history_size_ < 2 || ticks_since_limits_changed_ < 2) && i < layout_.contacts(); ++i)
       past_[newest_].ceiling[i] = problem.in_grasp(i) ? ceiling_[i] : 0;
-    known_ = std::min(known_ + 1, 2);
+    history_size_ = std::min(history_size_ + 1, 2);
   }
 
   Layout layout_;
@@ -411,10 +414,10 @@ class Engine {
   Structure structure_;
   // For grasps without coupled contacts; the first of each pair up to four contacts, the threes
   // without soft fingers.
-  LaneBarrier<3, true> one_of_three_;
-  LaneBarrier<4, true> one_of_four_;
-  LaneBarrier<3, false> three_;
-  LaneBarrier<4, false> four_;
+  LaneBarrier<3, true> lanes3_single_;
+  LaneBarrier<4, true> lanes4_single_;
+  LaneBarrier<3, false> lanes3_;
+  LaneBarrier<4, false> lanes4_;
   Blocks blocks_;  // for all others, and for the primal–dual method
   Barrier barrier_;
   LeastSquares least_squares_;  // of the two that follow
@@ -423,9 +426,9 @@ class Engine {
   RankExamination rank_;
   std::vector<double> c_, nu_, y_, z_, guess_, ceiling_;
   Past past_[2];
-  int newest_ = 0, known_ = 0;
-  int steady_ = 0;                 // ticks since the ceilings may last have changed
-  unsigned unseen_ = kChangedAll;  // what the next tick has to load whatever it is told
+  int newest_ = 0, history_size_ = 0;
+  int ticks_since_limits_changed_ = 0;      // ticks since the ceilings may last have changed
+  unsigned pending_changes_ = kChangedAll;  // what the next tick has to load whatever it is told
   Kernels kernels_ = Kernels::General;
   Result result_;
   double wrench_error_ = kInfinity;  // of the best force inside the limits that is known

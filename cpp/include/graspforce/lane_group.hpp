@@ -48,13 +48,13 @@ struct LaneGroup {
   int contact[kLanes] = {};       // in the problem; lanes left over repeat the last
   int component[Q][kLanes] = {};  // in c; components that a contact lacks repeat its normal
   Lanes mask[Q] = {};             // 1 where there is a component
-  Lanes idle = splat(1);          // 1 in lanes left over
+  Lanes padding = splat(1);       // 1 in lanes left over
   // Whether these are four contacts of Q components that stand side by side in c, and whose joints
   // stand `stride` apart in J.
-  bool regular = false;
+  bool contiguous = false;
   int stride = 0;
-  Lanes rough = {};  // 1 for contacts with friction
-  Lanes soft = {};   // 1 for soft fingers
+  Lanes has_friction = {};  // 1 for contacts with friction
+  Lanes has_torsion = {};   // 1 for has_torsion fingers
   Lanes mu = splat(1), torsion = splat(1);
   Lanes floor = splat(-kInfinity), ceiling = splat(kInfinity);
   Lanes rate_lo[Q] = {}, rate_hi[Q] = {};  // with rate limits
@@ -75,7 +75,7 @@ struct LaneGroup {
     std::fill(rows.begin(), rows.end(), Row{});
     two_sided = of_joints;
     members = contacts;
-    regular = contacts == kLanes;
+    contiguous = contacts == kLanes;
   }
 
   // Puts the contact of a block into a lane, and once more into each lane left over.
@@ -83,14 +83,14 @@ struct LaneGroup {
     const bool used = lane < members;
     const int dim = static_cast<int>(block.components.size());
     contact[lane] = block.contacts[0];
-    idle[lane] = used ? 0 : 1;
-    rough[lane] = dim > 1 ? 1 : 0;
-    soft[lane] = dim > 3 ? 1 : 0;
+    padding[lane] = used ? 0 : 1;
+    has_friction[lane] = dim > 1 ? 1 : 0;
+    has_torsion[lane] = dim > 3 ? 1 : 0;
     for (int i = 0; i < Q; ++i) {
       component[i][lane] = block.components[i < dim ? i : 0];
       mask[i][lane] = used && i < dim ? 1 : 0;
     }
-    regular = regular && dim == Q && component[0][lane] == component[0][0] + Q * lane;
+    contiguous = contiguous && dim == Q && component[0][lane] == component[0][0] + Q * lane;
     const int m = layout.components();
     auto occupy = [&](int r, int source, int stride, int offset) {
       rows[r].source[lane] = source;
@@ -110,8 +110,8 @@ struct LaneGroup {
     stride = rows.size() == 0 ? 0 : rows[0].entry[0][1] - rows[0].entry[0][0];
     for (int r = 0; r < two_sided; ++r)
       for (int l = 0; l < kLanes; ++l)
-        regular = regular && rows[r].mask[0][l] == 1 &&
-                  rows[r].entry[0][l] == rows[r].entry[0][0] + l * stride;
+        contiguous = contiguous && rows[r].mask[0][l] == 1 &&
+                     rows[r].entry[0][l] == rows[r].entry[0][0] + l * stride;
   }
 
   // Height mu n and radius ‖w t‖ of y: inside the cone the height is the larger.
@@ -386,7 +386,7 @@ struct LaneGroup {
     return Lanes{from[at[0]], from[at[1]], from[at[2]], from[at[3]]};
   }
 
-  // Q vectors of a regular group's numbers as they stand in memory, made from their number.
+  // Q vectors of a contiguous group's numbers as they stand in memory, made from their number.
   template <class At>
   GRASPFORCE_INLINE static void take(At at, Lanes* to) {
     GRASPFORCE_UNROLL
@@ -395,27 +395,27 @@ struct LaneGroup {
   }
 
   void set_forces(const double* from) {
-    if (regular) return take([&](int i) { return four_at(from + component[0][0] + i); }, c);
+    if (contiguous) return take([&](int i) { return four_at(from + component[0][0] + i); }, c);
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) c[i] = mask[i] * gather(from, component[i]);
-    c[0] += idle;
+    c[0] += padding;
   }
 
   // c ← 2 last − before.
   void extrapolate(const double* last, const double* before) {
     const int first = component[0][0];
     auto ahead = [&](int i) { return 2 * four_at(last + first + i) - four_at(before + first + i); };
-    if (regular) return take(ahead, c);
+    if (contiguous) return take(ahead, c);
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i)
       c[i] = mask[i] * (2 * gather(last, component[i]) - gather(before, component[i]));
-    c[0] += idle;
+    c[0] += padding;
   }
 
   // From the last to the first: what a lane left over or a missing component writes is then
   // overwritten by the one it repeats.
   void get_forces(double* to) const {
-    if (regular) {
+    if (contiguous) {
       Lanes side_by_side[Q];
       std::copy_n(c, Q, side_by_side);
       to_contacts<Q>(side_by_side);
@@ -433,7 +433,7 @@ struct LaneGroup {
 
   // The rows of W in use; the others are zeros.
   void load_map(const double* map, int m, const int* row, int k) {
-    if (regular && k == kWrench) {
+    if (contiguous && k == kWrench) {
       const double* from = map + component[0][0];
       GRASPFORCE_UNROLL
       for (int r = 0; r < kWrench; ++r, from += m)
@@ -446,7 +446,7 @@ struct LaneGroup {
   }
 
   void load_jacobian(const double* J, int joints) {
-    if (!regular) {
+    if (!contiguous) {
       for (int r = 0; r < two_sided; ++r) load_row(rows[r], J);
       return;
     }
@@ -479,11 +479,12 @@ struct LaneGroup {
       row.hi = row.mask[0] > 0 ? gather(p.b, row.source) : splat(1);
     }
     const Lanes own = gather(p.mu, contact);
-    mu = rough > 0 ? own : splat(1);
-    torsion = soft > 0 ? own / gather(p.gamma, contact) : splat(1);
+    mu = has_friction > 0 ? own : splat(1);
+    torsion = has_torsion > 0 ? own / gather(p.gamma, contact) : splat(1);
     const Lanes share = gather(p.engagement, contact);
-    if (layout.ceilings) ceiling = idle > 0 ? splat(kInfinity) : share * gather(p.c_max, contact);
-    if (layout.floors) floor = idle > 0 ? splat(-kInfinity) : share * gather(p.c_min, contact);
+    if (layout.ceilings)
+      ceiling = padding > 0 ? splat(kInfinity) : share * gather(p.c_max, contact);
+    if (layout.floors) floor = padding > 0 ? splat(-kInfinity) : share * gather(p.c_min, contact);
     for (int i = 0; i < Q && layout.rate_limits; ++i) {
       const Lanes last = gather(p.c_last, component[i]), most = gather(p.dc_max, component[i]);
       rate_lo[i] = mask[i] > 0 ? last - most : splat(-kInfinity);
@@ -499,7 +500,7 @@ struct LaneGroup {
       used = max(used, t > 0 ? (row.hi > 0 ? up : used) : (row.lo < 0 ? down : used));
     }
     if (layout.rate_limits) used = rate_hi[0] > 0 ? max(used, normal / rate_hi[0]) : used;
-    c[0] = idle > 0 ? splat(1) : normal * (kMostUsed / used);
+    c[0] = padding > 0 ? splat(1) : normal * (kMostUsed / used);
     for (int i = 1; i < Q; ++i) c[i] = Lanes{};
   }
 

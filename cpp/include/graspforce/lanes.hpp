@@ -58,7 +58,7 @@ inline Lanes shuffle(Lanes a, Lanes b) {
 }
 
 // One of the four in every lane; quicker than by way of a scalar where i is known to the compiler.
-GRASPFORCE_INLINE Lanes spread(Lanes a, int i) {
+GRASPFORCE_INLINE Lanes broadcast(Lanes a, int i) {
   switch (i) {
     case 0:
       return shuffle<0, 0, 0, 0>(a, a);

@@ -37,11 +37,11 @@ class LeastSquares {
   // Makes the matrices that are kept by block; needed after Blocks::allot. Does not allocate.
   void allot() {
     std::size_t total = 0;
-    for (const Part& part : blocks_.parts()) total += numbers(part);
+    for (const BlockData& part : blocks_.parts()) total += numbers(part);
     arena_.reset(total);
     G_.clear();
     m_ = 0;
-    for (const Part& part : blocks_.parts()) {
+    for (const BlockData& part : blocks_.parts()) {
       G_.push_back(arena_.take(numbers(part)));
       m_ += part.q;
     }
@@ -68,7 +68,7 @@ class LeastSquares {
   void factor(const double* r) {
     int first = 0;
     for (std::size_t b = 0; b < G_.size(); ++b) {
-      const Part& part = blocks_.parts()[b];
+      const BlockData& part = blocks_.parts()[b];
       const int q = part.q, height = q + part.rows, columns = width(part);
       reflect(G_[b], height, q, columns, beta_.data(), row_.data());
       for (int i = q; i < height; ++i) add_row(row(b, i)[q], row(b, i)[q + 1]);
@@ -87,7 +87,7 @@ class LeastSquares {
   void set_least_norm(const double* r) {
     hh_ = gh_ = 0;
     int first = 0;
-    for (const Part& part : blocks_.parts())
+    for (const BlockData& part : blocks_.parts())
       for (int i = 0; i < part.q; ++i, ++first) {
         std::copy_n(part.Wt + i * k(), k(), z(first));
         z(first)[k()] = z(first)[k() + 1] = 0;
@@ -139,7 +139,7 @@ class LeastSquares {
     std::copy_n(g, m_, p_.begin());
     int first = 0;
     for (std::size_t b = 0; b < G_.size(); ++b) {
-      const Part& part = blocks_.parts()[b];
+      const BlockData& part = blocks_.parts()[b];
       solve_transposed(G_[b], part.q, width(part), p_.data() + first);
       first += part.q;
     }
@@ -155,8 +155,8 @@ class LeastSquares {
   static std::size_t most_numbers(const Layout& layout) {
     return (most_rows(layout) + layout.components()) * (largest_block(layout) + 2);
   }
-  static int width(const Part& part) { return part.q + 2; }
-  static std::size_t numbers(const Part& part) {
+  static int width(const BlockData& part) { return part.q + 2; }
+  static std::size_t numbers(const BlockData& part) {
     return std::size_t(part.rows + part.q) * width(part);
   }
 
@@ -189,7 +189,7 @@ class LeastSquares {
   void leave_R(double* d) {
     std::copy_n(p_.begin(), m_, d);
     for (std::size_t b = 0; b < G_.size(); ++b) {
-      const Part& part = blocks_.parts()[b];
+      const BlockData& part = blocks_.parts()[b];
       solve_upper(G_[b], part.q, width(part), d);
       d += part.q;
     }

@@ -18,11 +18,11 @@ inline double decrement_after(double lambda) {
 
 struct Newton {
   enum class End {
-    Certified,  // W c = f, strictly inside, bound²/2 ≤ tol
-    Astray,     // W c = f could not be restored within kPatience steps
-    Slow,       // W c = f holds, but the minimum is still far after kTerm steps
-    Spent,      // out of steps or time
-    Boundary,   // rounding put the point on the boundary
+    Certified,          // W c = f, strictly inside, bound²/2 ≤ tol
+    WrenchNotRestored,  // W c = f could not be restored within kMaxUnbalancedSteps steps
+    Slow,               // W c = f holds, but the minimum is still far after kMaxSlowSteps steps
+    Spent,              // out of steps or time
+    Boundary,           // rounding put the point on the boundary
     Overflow,
   } end;
   double bound;  // on the decrement at the point reached
@@ -31,7 +31,7 @@ struct Newton {
 // Steps from a point that lacks W c = f after which the start counts as leading nowhere, and steps
 // after which any start counts as slow. Of the grasps that can be solved this way nearly all are
 // done long before; for the others there is the primal–dual method.
-inline constexpr int kPatience = 12, kTerm = 25;
+inline constexpr int kMaxUnbalancedSteps = 12, kMaxSlowSteps = 25;
 
 // Minimises Phi from a point strictly inside the limits at which the step, of decrement `lambda`,
 // has been computed; `balanced` tells that W c = f holds there.
@@ -69,8 +69,8 @@ Newton minimise(Barrier& barrier, double lambda, double tol, Budget& budget, boo
     balanced = balanced || taken == 1;
     if (!inside) return {Newton::End::Boundary, bound};
     if (budget.spent()) return {Newton::End::Spent, bound};
-    if (!balanced && steps >= kPatience) return {Newton::End::Astray, bound};
-    if (steps >= kTerm && bound >= 1) return {Newton::End::Slow, bound};
+    if (!balanced && steps >= kMaxUnbalancedSteps) return {Newton::End::WrenchNotRestored, bound};
+    if (steps >= kMaxSlowSteps && bound >= 1) return {Newton::End::Slow, bound};
     // Close to the minimum the last multipliers are a better origin than zero.
     lambda = bound < 1 ? barrier.newton_from_multipliers() : barrier.newton();
   }

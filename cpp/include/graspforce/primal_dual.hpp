@@ -59,7 +59,7 @@ class PrimalDual : public BlockPoint {
     work_.clear();
     Side* sides = sides_.data();
     Lifted* cones = cones_.data();
-    for (const Part& part : blocks_.parts()) {
+    for (const BlockData& part : blocks_.parts()) {
       work_.push_back({sides, sides + part.rows, cones});
       sides += 2 * part.rows;
       cones += part.tips.size();
@@ -96,7 +96,7 @@ class PrimalDual : public BlockPoint {
       keep_best();
 
       const double bound = dual_bound();
-      if (sigma_ < 0 && balanced() && (sigma_ < 0.5 * bound || sigma_ < -kRoomy)) {
+      if (sigma_ < 0 && balanced() && (sigma_ < 0.5 * bound || sigma_ < -kInteriorDepth)) {
         result.end = PhaseOneResult::End::Inside;
         return result;
       }
@@ -144,8 +144,8 @@ class PrimalDual : public BlockPoint {
 
  private:
   static constexpr double kLeastCentering = 1e-3;
-  static constexpr double kRoomy = 0.1;   // a relative slack with which Newton starts well
-  static constexpr double kLeast = 1e-7;  // relative accuracy of the least violation
+  static constexpr double kInteriorDepth = 0.1;  // a relative slack with which Newton starts well
+  static constexpr double kLeast = 1e-7;         // relative accuracy of the least violation
   static constexpr double kClosest = 1e-13;
   static constexpr double kLeastStep = 1e-6;
   static constexpr double kDescent = 0.1;  // of a weight on its way down, after a good step

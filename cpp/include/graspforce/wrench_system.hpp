@@ -65,7 +65,7 @@ class WrenchSystem {
   GRASPFORCE_INLINE bool eliminate(Lanes* upper, Lanes* lower) {
     bool sound = true;
     auto entry = [](int row, Lanes high, Lanes low) {
-      return row < kLanes ? spread(high, row) : spread(low, row - kLanes);
+      return row < kLanes ? broadcast(high, row) : broadcast(low, row - kLanes);
     };
     Lanes before[kWrench];
     GRASPFORCE_UNROLL
