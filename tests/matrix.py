@@ -178,7 +178,7 @@ class Result:
 def run(setting: Setting) -> Result:
     """Run pytest under a setting, in an environment of its own where it asks for one."""
     began = time.monotonic()
-    log = setting.folder.with_suffix(".log")
+    log = BUILD / f"{setting.folder.name}.log"  # a suffix would take the place of .11
     with log.open("w", encoding="utf-8") as out:
 
         def call(*command: object, **variables: str) -> int:

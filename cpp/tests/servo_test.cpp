@@ -122,6 +122,46 @@ static void settings_may_change_between_ticks() {
   EXPECT(servo.tick() == Status::Solved && servo.result().start == Start::Cold);
 }
 
+static void rates_are_limited_from_the_last_solved_tick() {
+  Layout layout = four_fingers(0);
+  layout.rate_limits = true;
+  Servo servo(layout);
+  grip(servo);
+  for (int i = 0; i < 4; ++i) servo.c_last[3 * i] = 9;
+  std::fill(servo.dc_max.begin(), servo.dc_max.end(), 0.8);
+  std::vector<double> last(servo.c_last.begin(), servo.c_last.end());
+  int solved = 0, others = 0;
+  for (int tick = 0; tick < 60; ++tick) {
+    servo.f[0] = tick < 40 ? 0.1 * tick : 30;  // at last more than one tick may change
+    const bool ok = servo.tick() == Status::Solved;
+    (ok ? solved : others) += 1;
+    double change = 0;
+    for (int i = 0; i < 12; ++i) change = std::max(change, std::abs(servo.c()[i] - last[i]));
+    if (ok) {
+      EXPECT(change < 0.8);
+      EXPECT(servo.margins().limit <= 0.8 - change && servo.margins().limit > 0);
+      last.assign(servo.c().begin(), servo.c().end());
+    }
+    for (int i = 0; i < 12; ++i) EXPECT(servo.c_last[i] == last[i]);
+  }
+  EXPECT(solved >= 40 && others > 0);
+}
+
+// Both sides of a rate limit count in a proof: c_last far from zero alone proves nothing.
+static void a_rate_limit_alone_proves_nothing() {
+  Layout layout;
+  layout.models = {Model::PCWF};
+  layout.wrench_rows = 1;
+  layout.rate_limits = true;
+  ProblemData data(layout);
+  std::fill(data.dc_max.begin(), data.dc_max.end(), 1.0);
+  for (double last : {-5.0, 5.0}) {
+    data.c_last[1] = last;
+    const double y[1] = {}, z[6] = {0, 1, 0, 0, 1, 0};
+    EXPECT(!proves_infeasible(layout, Problem(layout, data.packed()), y, z));
+  }
+}
+
 int main() {
   a_contact_gives_its_columns();
   a_tick_holds_the_cube();
@@ -130,5 +170,7 @@ int main() {
   before_the_first_tick_nothing_is_inside();
   a_tangent_along_the_normal_is_replaced();
   settings_may_change_between_ticks();
+  rates_are_limited_from_the_last_solved_tick();
+  a_rate_limit_alone_proves_nothing();
   return verdict("servo");
 }

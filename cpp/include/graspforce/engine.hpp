@@ -92,8 +92,8 @@ class Engine {
     const DefaultFloatingPoint environment;
     const Problem problem(offsets_, packed);
     if (start == nullptr && layout_.rate_limits) start = problem.c_last;
-    pending_changes_ =
-        kChangedAll;  // the next tick's numbers are compared with these, not with its last
+    // The next tick's numbers are compared with these, not with its last.
+    pending_changes_ = kChangedAll;
     dispatch(problem, settings, kChangedAll, [&](auto& barrier, Budget& budget, unsigned) {
       double lambda = kInfinity;
       if (start != nullptr) {
