@@ -56,7 +56,7 @@ if TYPE_CHECKING:
         trajectory,
     )
 
-__version__ = "0.1.0"
+__version__: str
 
 __all__ = [
     "FPC",
@@ -113,6 +113,10 @@ _LAZY = frozenset(
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return importlib.import_module(f"graspforce.{name}")
+    if name == "__version__":
+        from importlib.metadata import version  # as heavy as everything else together
+
+        return version("graspforce")
     raise AttributeError(f"module 'graspforce' has no attribute {name!r}")
 
 
