@@ -46,10 +46,11 @@ class Judge {
     return nullptr;
   }
 
-  // max |W c − f| relative to the wrenches that add up to f.
+  // max |W c − f| of the exact rows relative to the wrenches that add up to f.
   Real wrench_error(const double* c) const {
     Real worst = 0, scale = 0;
     for (int r = 0; r < layout_.wrench_rows; ++r) {
+      if (is_soft(r)) continue;
       Real sum = -Real(p_.f[r]), size = std::abs(Real(p_.f[r]));
       for (int i = 0; i < m_; ++i) {
         const Real wrench = Real(p_.W[r * m_ + i]) * c[i];
@@ -65,6 +66,8 @@ class Judge {
  private:
   static constexpr long double kUnit = 4e-16L;  // of rounding, a term
   static constexpr long double kLeast = std::numeric_limits<double>::denorm_min();
+
+  bool is_soft(int r) const { return layout_.soft_wrench && p_.f_soft[r] > 0; }
 
   bool slips(const double* c) const {
     for (int i = 0; i < layout_.contacts(); ++i) {
@@ -104,6 +107,7 @@ class Judge {
     Real gap = 0;
     bool sound = true;
     for (int r = 0; r < layout_.wrench_rows; ++r) {
+      sound &= !is_soft(r) || y[r] == 0;
       gap += Real(y[r]) * p_.f[r];
       for (int i = 0; i < m_; ++i) e[i] -= Real(p_.W[r * m_ + i]) * y[r];
     }
@@ -142,6 +146,7 @@ class Judge {
       for (Real& entry : rows[r]) entry /= length[r];
       f[r] = p_.f[r] / length[r];
       size[r] = std::abs(f[r]);
+      used[r] = is_soft(r);
     }
     for (;;) {
       int best = -1;
@@ -165,7 +170,7 @@ class Judge {
     }
     Real c = 0;  // along the basis
     for (int r = 0; r < k; ++r)
-      if (used[r]) c = std::max(c, std::abs(f[r]));
+      if (used[r] && !is_soft(r)) c = std::max(c, std::abs(f[r]));
     for (int r = 0; r < k; ++r)
       if (!used[r] && std::abs(f[r]) > 1e-10L * std::max(size[r], c)) return true;
     return false;

@@ -63,24 +63,27 @@ static double apart(const std::vector<double>& x, const std::vector<double>& y, 
 // In units of the forces. Rounding grows towards the boundary.
 static std::vector<double> steps_apart;
 
-static void agree(const Found& general, const Found& other, const std::string& kernel) {
+static void agree(const Layout& layout, const Found& general, const Found& other,
+                  const std::string& kernel) {
   const int before = failures;
   const double near = 1e-8;
   EXPECT(general.inside == other.inside && general.balanced == other.balanced);
   EXPECT(std::abs(general.wrench_error - other.wrench_error) <=
          1e-13 + near * general.wrench_error);
   EXPECT(std::abs(general.lambda - other.lambda) <= near * (general.lambda + 1e-4));
-  EXPECT(std::abs(general.slope - other.slope) <= near * 1e3 * general.lambda);
+  EXPECT(std::abs(general.slope - other.slope) <=
+         near * (1e3 * general.lambda + std::abs(general.slope)));
   EXPECT(std::abs(general.limit - other.limit) <= 1e-6 * general.limit ||
          general.limit == other.limit);
   steps_apart.push_back(apart(general.step, other.step, general.force));
-  EXPECT(steps_apart.back() <= 1e-11);
+  // Softness may be all that W's rank does not lack: the system is then as badly conditioned.
+  EXPECT(steps_apart.back() <= (layout.soft_wrench ? 1e-8 : 1e-11));
   EXPECT(apart(general.nu, other.nu) <= near);
   EXPECT(std::abs(general.bound - other.bound) <= 1e-9 + 1e-6 * general.bound);
   EXPECT(general.next_nu.size() == other.next_nu.size());
   if (general.next_nu.size() == other.next_nu.size() && !general.next_nu.empty())
     EXPECT(apart(general.next_nu, other.next_nu) <= near);
-  if (failures > before) std::printf("  %s\n", kernel.c_str());
+  if (failures > before) std::printf("  %s \n", kernel.c_str());
 }
 
 template <int Q, bool single>
@@ -90,7 +93,7 @@ static bool lanes(const Found& general, const Layout& layout, const Structure& s
   LaneBarrier<Q, single> barrier(layout);
   barrier.allot(structure);
   barrier.load(problem, kChangedAll);
-  agree(general, look(barrier, layout, c), kernel);
+  agree(layout, general, look(barrier, layout, c), kernel);
   return true;
 }
 
@@ -202,7 +205,7 @@ int main() {
     OrthogonalBarrier orthogonal(blocks, least_squares);
     orthogonal.allot();
     orthogonal.set_weights(barrier.cone_weight(), barrier.limit_weight());
-    agree(general, look(orthogonal, layout, c), "orthogonal");
+    agree(layout, general, look(orthogonal, layout, c), "orthogonal");
     ++compared;
     close += general.lambda < 0.2;
     ++kernels[0];

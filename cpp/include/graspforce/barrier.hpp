@@ -24,12 +24,12 @@ class Barrier : public BlockPoint {
  public:
   explicit Barrier(const Blocks& blocks)
       : BlockPoint(blocks),
-        arena_(blocks.layout().components() *
+        arena_(unknowns(blocks.layout()) *
                (2 + largest_block(blocks.layout()) + blocks.layout().wrench_rows)),
         schur_(blocks.layout().wrench_rows),
         nu_(blocks.layout().wrench_rows),
         last_nu_(nu_) {
-    work_.reserve(blocks.layout().contacts());
+    work_.reserve(most_blocks(blocks.layout()));
   }
 
   // Makes the vectors that are kept by block; needed after Blocks::allot. Does not allocate.
@@ -152,6 +152,10 @@ class Barrier : public BlockPoint {
       const Work& w = work_[b];
       std::fill(w.g, w.g + q, 0.0);
       if (with_hessian) std::fill(w.H, w.H + q * q, 0.0);
+      if (part(b).slack_row >= 0) {
+        w.g[0] = cone_weight_ * c(b)[0];
+        if (with_hessian) w.H[0] = cone_weight_;
+      }
       for (const Tip& tip : part(b).tips)
         if (!tip.cone.add_derivatives(c(b) + tip.first, cone_weight_, w.g + tip.first,
                                       with_hessian ? w.H + tip.first * (q + 1) : nullptr, q))

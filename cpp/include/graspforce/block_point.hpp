@@ -12,12 +12,16 @@ namespace graspforce {
 class BlockPoint {
  public:
   explicit BlockPoint(const Blocks& blocks)
-      : blocks_(blocks), c_(blocks.layout().components()), d_(c_) {
-    first_.reserve(blocks.layout().contacts());
+      : blocks_(blocks),
+        c_(unknowns(blocks.layout())),
+        d_(c_),
+        missing_(blocks.layout().wrench_rows) {
+    first_.reserve(most_blocks(blocks.layout()));
   }
 
   // Deals the components out to the blocks; needed after Blocks::allot. Does not allocate.
   void allot() {
+    settled_ = false;
     first_.clear();
     int next = 0;
     for (const BlockData& part : blocks_.parts()) {
@@ -30,23 +34,25 @@ class BlockPoint {
 
   void set_forces(const double* c) {
     for (int b = 0; b < count(); ++b)
-      for (int i = 0; i < part(b).q; ++i) this->c(b)[i] = c[part(b).block->components[i]];
+      for (int i = 0; i < part(b).components.size(); ++i) this->c(b)[i] = c[part(b).components[i]];
+    settle();
   }
 
-  // c ← 2 last − before.
+  // c ← 2 last − before. Slacks stay what the last optimum made them.
   void extrapolate(const double* last, const double* before) {
     for (int b = 0; b < count(); ++b)
-      for (int i = 0; i < part(b).q; ++i) {
-        const int component = part(b).block->components[i];
+      for (int i = 0; i < part(b).components.size(); ++i) {
+        const int component = part(b).components[i];
         c(b)[i] = 2 * last[component] - before[component];
       }
+    if (!settled_) settle();
   }
 
   // Contacts out of the grasp get zero.
   void get_forces(double* c) const {
     std::fill(c, c + blocks_.layout().components(), 0.0);
     for (int b = 0; b < count(); ++b)
-      for (int i = 0; i < part(b).q; ++i) c[part(b).block->components[i]] = this->c(b)[i];
+      for (int i = 0; i < part(b).components.size(); ++i) c[part(b).components[i]] = this->c(b)[i];
   }
 
   // Pure pushes, each `fraction` of its contact's reach; less in a block where that would pass a
@@ -63,6 +69,7 @@ class BlockPoint {
       }
       for (const Tip& tip : part(b).tips) c(b)[tip.first] *= kMostUsed / used;
     }
+    settle();
   }
 
   // ---- where the point stands --------------------------------------------------------------
@@ -81,7 +88,7 @@ class BlockPoint {
 
   bool balanced() const { return wrench_error() < kBalanced; }
 
-  // max |f − W c| over the rows in use, relative to the wrenches that add up to f.
+  // max |f − W c| over the exact rows in use, relative to the wrenches that add up to f.
   double wrench_error() const {
     return relative_wrench_error(blocks_, [this](std::size_t b) { return c(int(b)); });
   }
@@ -90,7 +97,8 @@ class BlockPoint {
   bool runaway() const {
     double largest = 0;
     for (int b = 0; b < count(); ++b)
-      for (int i = 0; i < part(b).q; ++i) largest = std::max(largest, std::abs(c(b)[i]));
+      for (int i = 0; i < part(b).components.size(); ++i)
+        largest = std::max(largest, std::abs(c(b)[i]));
     return largest > kRunaway * blocks_.size();
   }
 
@@ -132,11 +140,25 @@ class BlockPoint {
         add_scaled(-c(b)[i], part(b).Wt + i * blocks_.k(), blocks_.k(), r);
   }
 
+  // Gives the slack of every soft row what the forces leave of it.
+  void settle() {
+    settled_ = true;
+    if (!blocks_.layout().soft_wrench) return;
+    for (int b = 0; b < count(); ++b)
+      if (part(b).slack_row >= 0) c(b)[0] = 0;
+    missing_wrench(missing_.data());
+    for (int b = 0; b < count(); ++b)
+      for (int r = 0; part(b).slack_row >= 0 && r < blocks_.k(); ++r)
+        if (part(b).Wt[r] > 0) c(b)[0] = missing_[r] / part(b).Wt[r];
+  }
+
   const Blocks& blocks_;
   std::vector<double> c_, d_;  // block after block
+  std::vector<double> missing_;
 
  private:
   std::vector<int> first_;  // where each block's components start
+  bool settled_ = false;    // the slacks belong to the forces of this or of the last tick
 };
 
 }  // namespace graspforce

@@ -4,6 +4,9 @@
 // the problem's inequalities, then each contact's normal force between floor and ceiling, then each
 // component between its rate limits. Absent sides are infinite: their slack is infinite too, so
 // they fall out of every barrier by themselves.
+//
+// A row of W c = f with a softness F is kept as W c + F s = f, and the slack s, a block by itself,
+// costs ½ s²: that is ½ ((f − W c)/F)². Its column of W is F; of an exact row it is zero.
 #pragma once
 
 #include <algorithm>
@@ -48,8 +51,10 @@ struct Tip {
 };
 
 struct BlockData {
-  const Block* block;
-  int q, rows;  // components, rows
+  const Block* block;  // null: the slack of a soft row
+  Indices components;  // of c; a slack is none
+  int slack_row;       // in the problem; −1 for forces
+  int q, rows;         // unknowns, rows
   Span<Tip> tips;
   double* Wt;       // q × k: this block's columns of W, transposed
   double* a;        // rows × q
@@ -64,9 +69,10 @@ class Blocks {
         k_(layout.wrench_rows),
         rows_in_use_(k_),
         f_(k_),
+        soft_(k_),
         tips_(layout.contacts()),
         arena_(most_numbers(layout)) {
-    parts_.reserve(layout.contacts());
+    parts_.reserve(most_blocks(layout));
   }
 
   // Shares the room out to the blocks of a structure; needed whenever it has been found anew.
@@ -76,12 +82,14 @@ class Blocks {
     std::size_t total = 0;
     for (const Block& block : structure.blocks())
       total += block.components.size() * k + count_rows(block) * (block.components.size() + 3);
+    if (layout_.soft_wrench) total += k * k;
     arena_.reset(total);
     Tip* tips = tips_.data();
     for (const Block& block : structure.blocks()) {
       const std::size_t q = block.components.size(), rows = count_rows(block);
-      BlockData part{&block,  int(q),  int(rows), {tips, block.contacts.size()}, nullptr, nullptr,
-                     nullptr, nullptr, nullptr};
+      BlockData part{
+          &block,  block.components, -1,      int(q),  int(rows), {tips, block.contacts.size()},
+          nullptr, nullptr,          nullptr, nullptr, nullptr};
       int first = 0;
       for (int contact : block.contacts) {
         *tips++ = {contact, first, {structure.dim(contact), 1, 1}, 1, 1};
@@ -94,6 +102,10 @@ class Blocks {
       part.scale = arena_.take(rows);
       parts_.push_back(part);
     }
+    of_forces_ = parts_.size();
+    for (int r = 0; layout_.soft_wrench && r < layout_.wrench_rows; ++r)
+      parts_.push_back(
+          {nullptr, {}, r, 1, 0, {tips, 0}, arena_.take(k), nullptr, nullptr, nullptr, nullptr});
   }
 
   // Takes a problem's numbers, all of them whatever has changed.
@@ -101,10 +113,9 @@ class Blocks {
     k_ = layout_.wrench_rows;
     for (int r = 0; r < k_; ++r) rows_in_use_[r] = r;
     std::copy(p.f, p.f + k_, f_.begin());
-    for (BlockData& part : parts_) {
-      load_wrench_rows(p, part);
-      load_limits(p, part);
-    }
+    for (int r = 0; layout_.soft_wrench && r < k_; ++r) soft_[r] = p.f_soft[r] > 0;
+    for (BlockData& part : parts_) load_wrench_rows(p, part);
+    for (BlockData& part : forces()) load_limits(p, part);
     scale_violations();
   }
 
@@ -118,9 +129,12 @@ class Blocks {
 
   const Layout& layout() const { return layout_; }
   const std::vector<BlockData>& parts() const { return parts_; }
+  // Those of forces; the slacks of a soft wrench follow them.
+  Span<BlockData> forces() { return {parts_.data(), int(of_forces_)}; }
   int k() const { return k_; }                      // rows of W c = f in use
   const double* f() const { return f_.data(); }     // their right-hand sides
   int row(int r) const { return rows_in_use_[r]; }  // where row r stands in the problem
+  bool is_soft(int r) const { return soft_[row(r)] != 0; }
   // The size of force that the limits are made for, by the largest of them, or of the wrench.
   double size() const {
     double most = 0;
@@ -162,7 +176,8 @@ class Blocks {
   // What `allot` takes for any structure.
   static std::size_t most_numbers(const Layout& layout) {
     return std::size_t(layout.components()) * layout.wrench_rows +
-           most_rows(layout) * (largest_block(layout) + 3);
+           most_rows(layout) * (largest_block(layout) + 3) +
+           (layout.soft_wrench ? std::size_t(layout.wrench_rows) * layout.wrench_rows : 0);
   }
 
   // Contacts whose normal force has a row, components that have one.
@@ -176,9 +191,11 @@ class Blocks {
 
   void load_wrench_rows(const Problem& p, BlockData& part) {
     const int m = layout_.components();
-    for (int i = 0; i < part.q; ++i)
+    for (int i = 0; i < part.components.size(); ++i)
       for (int r = 0; r < k_; ++r)
-        part.Wt[i * k_ + r] = p.W[rows_in_use_[r] * m + part.block->components[i]];
+        part.Wt[i * k_ + r] = p.W[rows_in_use_[r] * m + part.components[i]];
+    for (int r = 0; part.slack_row >= 0 && r < k_; ++r)
+      part.Wt[r] = rows_in_use_[r] == part.slack_row ? p.f_soft[part.slack_row] : 0;
   }
 
   void load_limits(const Problem& p, BlockData& part) {
@@ -221,7 +238,7 @@ class Blocks {
   // What one unit of relative violation means; the definition is reference.violation_scales.
   void scale_violations() {
     double known = 0, wrench = 0;
-    for (BlockData& part : parts_) {
+    for (BlockData& part : forces()) {
       const int joints = part.block->joints.size();
       const int others = joints + part.block->inequalities.size();
       for (int r = 0; r < joints; ++r) part.scale[r] = 0.5 * (part.hi[r] - part.lo[r]);
@@ -237,7 +254,7 @@ class Blocks {
     }
     for (int r = 0; r < k_; ++r) wrench = std::max(wrench, std::abs(f_[r]));
     const double fallback = known > 0 ? known : wrench > 0 ? wrench : 1;
-    for (BlockData& part : parts_) {
+    for (BlockData& part : forces()) {
       for (Tip& tip : part.tips) {
         if (!(tip.reach < kInfinity)) tip.reach = fallback;
         tip.cone_scale = tip.cone.mu * tip.reach;
@@ -259,16 +276,19 @@ class Blocks {
   int k_;
   std::vector<int> rows_in_use_;
   std::vector<double> f_;
+  std::vector<char> soft_;  // by the problem's rows
   std::vector<BlockData> parts_;
+  std::size_t of_forces_ = 0;
   std::vector<Tip> tips_;
   Arena arena_;
 };
 
-// max |f − W c| over the rows in use, relative to the wrenches that add up to f.
+// max |f − W c| over the exact rows in use, relative to the wrenches that add up to f.
 template <class Forces>
 double relative_wrench_error(const Blocks& blocks, Forces forces) {
   double worst = 0, scale = 0;
   for (int r = 0; r < blocks.k(); ++r) {
+    if (blocks.is_soft(r)) continue;
     double sum = 0, size = std::abs(blocks.f()[r]);
     for (std::size_t b = 0; b < blocks.parts().size(); ++b) {
       const BlockData& part = blocks.parts()[b];

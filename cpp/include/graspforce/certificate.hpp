@@ -26,7 +26,10 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
     gap += value;
     size += std::abs(value);
   };
-  for (int r = 0; r < k; ++r) add(y[r] * p.f[r]);
+  for (int r = 0; r < k; ++r) {
+    if (layout.soft_wrench && p.f_soft[r] > 0 && y[r] != 0) return false;  // asks for nothing
+    add(y[r] * p.f[r]);
+  }
   for (int j = 0; j < joints; ++j) {
     add(-z_hi[j] * (p.tau_hi[j] - p.tau_bias[j]));
     add(-z_lo[j] * (p.tau_bias[j] - p.tau_lo[j]));

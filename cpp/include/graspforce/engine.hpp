@@ -181,7 +181,9 @@ class Engine {
     }
     if (result_.status == Status::Solved && was_deficient_ && !rank_.fits(problem, c_.data()))
       result_.status = Status::Stalled;
-    if (result_.status != Status::Solved && !finite()) answer_nothing(Status::InvalidNumbers);
+    // The multiplier of a soft row, (f − W c)/F², may overflow where the forces are fine.
+    if ((result_.status != Status::Solved || layout_.soft_wrench) && !finite())
+      answer_nothing(Status::InvalidNumbers);
     result_.newton_steps = budget.steps();
     result_.elapsed_us = budget.elapsed_us();
   }
@@ -224,10 +226,14 @@ class Engine {
 
   // With every contact out of the grasp nothing is left to ask for but what no contact touches.
   void answer_idle(const Problem& p) {
-    if (std::any_of(p.f, p.f + layout_.wrench_rows, [](double f) { return f != 0; }))
-      return answer_nothing(Status::WrenchUnreachable);
+    for (int r = 0; r < layout_.wrench_rows; ++r)
+      if (p.f[r] != 0 && !(layout_.soft_wrench && p.f_soft[r] > 0))
+        return answer_nothing(Status::WrenchUnreachable);
     answer_nothing(Status::Solved);
     result_.decrement = 0;
+    for (int r = 0; r < layout_.wrench_rows; ++r)
+      if (p.f[r] != 0) nu_[r] = p.f[r] / p.f_soft[r] / p.f_soft[r];
+    if (!finite()) return answer_nothing(Status::InvalidNumbers);
     const int m = layout_.components(), joints = layout_.joints;
     std::fill(y_.begin(), y_.end(), 0.0);
     std::fill(z_.begin(), z_.end(), 0.0);
@@ -348,6 +354,8 @@ class Engine {
       blocks_.load(problem);
       if (was_deficient_) blocks_.restrict_rows(problem, rank_.rows());
     }
+    // Phase 1 asks for the exact rows alone: whatever the others lack is no matter of inside.
+    if (layout_.soft_wrench) blocks_.restrict_rows(problem, rank_.exact_rows());
     const PhaseOneResult phase = primal_dual_.find_inside(problem, budget, y_, z_);
     using End = PhaseOneResult::End;
     if (phase.end != End::Inside) {
@@ -365,6 +373,7 @@ class Engine {
                                                     : Status::Stalled;
       return;
     }
+    if (layout_.soft_wrench) blocks_.restrict_rows(problem, rank_.rows());
     primal_dual_.follow(barrier.cone_weight(), barrier.limit_weight(), budget);
     primal_dual_.get_forces(c_.data());
     orthogonal_barrier_.set_weights(barrier.cone_weight(), barrier.limit_weight());
@@ -372,6 +381,8 @@ class Engine {
     newton(orthogonal_barrier_, first_step(orthogonal_barrier_, problem), tol, budget, true);
     if (result_.status != Status::Solved && orthogonal_barrier_.runaway())
       answer_nothing(Status::Unbounded);
+    // Rows of W that all but vanish may take multipliers of any size.
+    if (!finite()) result_.status = Status::Stalled;
   }
 
   // Newton's method from the barrier's point; true when that ends the solve: with a certified

@@ -5,7 +5,8 @@
 // number of components that a contact of the grasp may have; with `single`, a grasp of no more than
 // four contacts, the compiler keeps a step's numbers in registers. W c = f has at most six rows,
 // and rows that are missing or not in use are rows of zeros with a one on the diagonal of the 6 × 6
-// system.
+// system. The slacks of a soft wrench (see blocks.hpp) add F²/w to that diagonal, w the weight of
+// the cones.
 #pragma once
 
 #include <algorithm>
@@ -40,6 +41,7 @@ class LaneBarrier {
   void allot(const Structure& structure) {
     const std::vector<Block>& blocks = structure.blocks();
     members_ = static_cast<int>(blocks.size());
+    settled_ = false;
     const int groups = (members_ + kLanes - 1) / kLanes;
     if (!single) end_ = groups_.data() + groups;
     LaneRow<Q>* row = rows_.data();
@@ -65,13 +67,14 @@ class LaneBarrier {
     if (reduced) {
       k_ = layout_.wrench_rows;
       for (int r = 0; r < kWrench; ++r) row_[r] = r < k_ ? r : 0;
-      system_.set_rows(k_);
     }
     if (reduced || changed & kChangedMap) load_map(p);
-    load_wrench(p);
     if (changed & kChangedJacobian)
       for (Group& group : *this) group.load_jacobian(p.J, layout_.joints);
     if (changed & kChangedRest) load_limits(p);
+    if (reduced || (changed & kChangedRest && layout_.soft_wrench)) load_softness(p);
+    if (reduced) settled_ = false;
+    load_wrench(p);
   }
 
   // Keeps only the given rows of W c = f: an independent set when W is rank-deficient.
@@ -79,7 +82,8 @@ class LaneBarrier {
     k_ = static_cast<int>(rows.size());
     std::fill_n(row_, kWrench, 0);
     std::copy(rows.begin(), rows.end(), row_);
-    system_.set_rows(k_);
+    load_softness(p);
+    settled_ = false;
     load_wrench(p);
     load_map(p);
   }
@@ -91,11 +95,13 @@ class LaneBarrier {
 
   void set_forces(const double* c) {
     for (Group& group : *this) group.set_forces(c);
+    if (layout_.soft_wrench) settle();
   }
 
-  // c ← 2 last − before.
+  // c ← 2 last − before. Slacks stay what the last optimum made them.
   void extrapolate(const double* last, const double* before) {
     for (Group& group : *this) group.extrapolate(last, before);
+    if (layout_.soft_wrench && !settled_) settle();
   }
 
   void get_forces(double* c) const {
@@ -113,6 +119,7 @@ class LaneBarrier {
     }
     const Lanes fallback = splat(known > 0 ? known : largest_f_ > 0 ? largest_f_ : 1);
     for (Group& group : *this) group.push(fraction * min(group.reach(), fallback), layout_);
+    if (layout_.soft_wrench) settle();
   }
 
   bool inside() const {
@@ -126,14 +133,15 @@ class LaneBarrier {
     // Nearly always f alone is yardstick enough.
     Lanes high, low;
     errors(high, low);
-    const Lanes room = splat(kBalanced * largest_f_);
+    const Lanes room = splat(kBalanced * largest_exact_f_);
     return (all_positive(room - high) && all_positive(room - low)) || wrench_error() < kBalanced;
   }
 
-  // max |f − W c| relative to the wrenches that add up to f.
+  // max |f − W c| of the exact rows relative to the wrenches that add up to f.
   double wrench_error() const {
     double size = 0;
     for (int r = 0; r < kWrench; ++r) {
+      if (F_[r] > 0) continue;
       Lanes part = {};
       for (const Group& group : *this)
         for (int i = 0; i < Q; ++i) part += abs(group.W[r][i] * group.c[i]);
@@ -160,24 +168,19 @@ class LaneBarrier {
 
   bool evaluate() { return evaluate<true>(); }
 
-  double newton() {
-    WrenchSums total;
-    GRASPFORCE_UNROLL
-    for (int r = 0; r < kWrench; ++r) total.rhs()[r] = Lanes{f_[r]};
-    Group* group = begin();
-    group->template add<true>(total);
-    while (++group != end()) group->template add<false>(total);
-    sound_ = system_.solve(total, nu_);
-    Lanes squared = {};
-    for (Group& each : *this) squared += each.step(nu_);
-    return std::sqrt(sum(squared));
-  }
+  double newton() { return newton(f_); }
 
   double newton_from_multipliers() {
-    double last_nu[kWrench];
-    std::copy_n(nu_, kWrench, last_nu);
+    double last_nu[2 * kLanes], f[2 * kLanes];
+    std::copy_n(nu_, 2 * kLanes, last_nu);
+    std::copy_n(f_, 2 * kLanes, f);
     for (Group& group : *this) group.subtract_wrench(last_nu);
-    const double lambda = newton();
+    if (layout_.soft_wrench)
+      for (int r = 0; r < kWrench; ++r) {
+        slack_gradient_[r] -= F_[r] * last_nu[r];
+        f[r] -= D_[r] * last_nu[r];
+      }
+    const double lambda = newton(f);
     for (int r = 0; r < kWrench; ++r) nu_[r] += last_nu[r];
     return lambda;
   }
@@ -189,6 +192,8 @@ class LaneBarrier {
     Lanes total = {};
     for (const Group& group : *this)
       for (int i = 0; i < Q; ++i) total += group.g[i] * group.d[i];
+    if (layout_.soft_wrench)
+      for (int r : {0, kLanes}) total += four_at(slack_gradient_ + r) * four_at(ds_ + r);
     return sum(total);
   }
 
@@ -202,6 +207,8 @@ class LaneBarrier {
   void advance(double t) {
     for (Group& group : *this) GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) group.c[i] += t * group.d[i];
+    if (layout_.soft_wrench)
+      for (int r = 0; r < 2 * kLanes; ++r) s_[r] += t * ds_[r];
   }
 
   void get_multipliers(double* nu) const {
@@ -218,9 +225,11 @@ class LaneBarrier {
     if (!evaluate<false>()) return kInfinity;
     Lanes rhs[kWrench] = {};
     for (Group& group : *this) group.template add_gradient<false>(rhs);
-    for (int r = 0; r < kWrench; ++r) nu_[r] = sum(rhs[r]);
+    for (int r = 0; r < kWrench; ++r)
+      nu_[r] = sum(rhs[r]) + inverse_cone_weight_ * F_[r] * slack_gradient_[r];
     system_.solve(nu_);
     Lanes squared = {};
+    if (layout_.soft_wrench) squared += step_slacks();
     for (const Group& group : *this) {
       Lanes left[Q];
       squared += group.residual(nu_, left);
@@ -237,8 +246,46 @@ class LaneBarrier {
   const Group* begin() const { return single ? &only_ : groups_.data(); }
   const Group* end() const { return single ? &only_ + 1 : end_; }
 
+  // From f, less what multipliers that are taken for granted make of it.
+  double newton(const double* f) {
+    WrenchSums total;
+    GRASPFORCE_UNROLL
+    for (int r = 0; r < kWrench; ++r) total.rhs()[r] = Lanes{f[r]};
+    Group* group = begin();
+    group->template add<true>(total);
+    while (++group != end()) group->template add<false>(total);
+    sound_ = system_.solve(total, nu_);
+    Lanes squared = {};
+    for (Group& each : *this) squared += each.step(nu_);
+    if (layout_.soft_wrench) squared += step_slacks();
+    return std::sqrt(sum(squared));
+  }
+
+  // The slacks' step under multipliers ν, and its part in λ².
+  Lanes step_slacks() {
+    Lanes squared = {};
+    for (int r : {0, kLanes}) {
+      const Lanes left = four_at(F_ + r) * four_at(nu_ + r) - four_at(slack_gradient_ + r);
+      const Lanes ds = inverse_cone_weight_ * left;
+      std::memcpy(ds_ + r, &ds, sizeof ds);
+      squared += left * ds;
+    }
+    return squared;
+  }
+
+  // Gives the slack of every soft row what the forces leave of it.
+  void settle() {
+    settled_ = true;
+    Lanes missing[2];
+    missing_wrench(missing[0], missing[1]);
+    for (int r = 0; r < kWrench; ++r)
+      s_[r] = F_[r] > 0 ? missing[r / kLanes][r % kLanes] / F_[r] : 0;
+  }
+
   template <bool with_hessian>
   bool evaluate() {
+    if (layout_.soft_wrench)
+      for (int r = 0; r < 2 * kLanes; ++r) slack_gradient_[r] = cone_weight_ * s_[r];
     Lanes worst = splat(kInfinity);
     for (Group& group : *this)
       worst =
@@ -246,15 +293,25 @@ class LaneBarrier {
     return all_positive(worst);
   }
 
-  // |f − W c|, rows 0 to 3 and the others.
+  // |f − W c| of the exact rows, rows 0 to 3 and the others.
   GRASPFORCE_INLINE void errors(Lanes& high, Lanes& low) const {
+    missing_wrench(high, low);
+    if (layout_.soft_wrench) {
+      high *= four_at(exact_);
+      low *= four_at(exact_ + kLanes);
+    }
+    high = abs(high);
+    low = abs(low);
+  }
+  // f − W c.
+  GRASPFORCE_INLINE void missing_wrench(Lanes& high, Lanes& low) const {
     Lanes parts[kWrench] = {};
     for (const Group& group : *this) {
       GRASPFORCE_UNROLL
       for (int r = 0; r < kWrench; ++r) parts[r] += group.wrench(r, group.c);
     }
-    high = abs(four_at(f_) - sums(parts[0], parts[1], parts[2], parts[3]));
-    low = abs(four_at(f_ + kLanes) - sums(parts[4], parts[5], Lanes{}, Lanes{}));
+    high = four_at(f_) - sums(parts[0], parts[1], parts[2], parts[3]);
+    low = four_at(f_ + kLanes) - sums(parts[4], parts[5], Lanes{}, Lanes{});
   }
 
   void load_wrench(const Problem& p) {
@@ -262,7 +319,11 @@ class LaneBarrier {
       std::copy_n(p.f, kWrench, f_);
     else
       for (int r = 0; r < kWrench; ++r) f_[r] = r < k_ ? p.f[row_[r]] : 0;
-    largest_f_ = greatest(max(abs(four_at(f_)), abs(four_at(f_ + kLanes))));
+    const Lanes high = abs(four_at(f_)), low = abs(four_at(f_ + kLanes));
+    largest_f_ = greatest(max(high, low));
+    largest_exact_f_ = layout_.soft_wrench
+                           ? greatest(max(four_at(exact_) * high, four_at(exact_ + kLanes) * low))
+                           : largest_f_;
   }
   void load_map(const Problem& p) {
     for (Group& group : *this) group.load_map(p.W, components_, row_, k_);
@@ -275,6 +336,16 @@ class LaneBarrier {
     for (Group& group : *this) group.load_limits(p, layout_);
   }
 
+  // Softness of the rows in use, and the diagonal that goes with it.
+  void load_softness(const Problem& p) {
+    for (int r = 0; r < kWrench; ++r) {
+      F_[r] = layout_.soft_wrench && r < k_ ? p.f_soft[row_[r]] : 0;
+      D_[r] = r < k_ ? inverse_cone_weight_ * F_[r] * F_[r] : 1;
+      exact_[r] = F_[r] > 0 ? 0 : 1;
+    }
+    system_.set_diagonal(D_);
+  }
+
   const Layout& layout_;
   const int components_ = layout_.components();
   Group only_;                 // with `single`; else
@@ -284,8 +355,13 @@ class LaneBarrier {
   WrenchSystem system_;
   int members_ = 0;  // contacts in the grasp
   int k_ = 0, row_[kWrench] = {};
-  double f_[2 * kLanes] = {}, largest_f_ = 0;  // zeros behind the last row
-  double nu_[kWrench] = {};
+  double f_[2 * kLanes] = {}, largest_f_ = 0;            // zeros behind the last row
+  double largest_exact_f_ = 0, exact_[2 * kLanes] = {};  // 1 for a row that is not soft
+  double nu_[2 * kLanes] = {};
+  // The slacks of soft rows, with their softness: W c + F s = f.
+  double F_[2 * kLanes] = {}, D_[kWrench] = {};
+  double s_[2 * kLanes] = {}, ds_[2 * kLanes] = {}, slack_gradient_[2 * kLanes] = {};
+  bool settled_ = false;  // the slacks belong to the forces of this or of the last tick
   double cone_weight_ = 1, limit_weight_ = 1, inverse_cone_weight_ = 1;
   bool sound_ = true;
 };

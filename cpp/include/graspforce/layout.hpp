@@ -35,6 +35,7 @@ struct Layout {
   bool ceilings = false;      // c_max given
   bool floors = false;        // c_min given
   bool rate_limits = false;   // c_last and dc_max given
+  bool soft_wrench = false;   // f_soft given
 
   // Where a contact's components start in c.
   int first(int contact) const {
@@ -62,6 +63,15 @@ inline int limit_count(const Layout& layout) {
 inline std::size_t most_rows(const Layout& layout) {
   return layout.joints + layout.inequalities + layout.contacts() +
          (layout.rate_limits ? layout.components() : 0);
+}
+
+// Unknowns of the general kernels: the forces and, with a soft wrench, the slack of each of its
+// rows.
+inline std::size_t unknowns(const Layout& layout) {
+  return layout.components() + (layout.soft_wrench ? layout.wrench_rows : 0);
+}
+inline std::size_t most_blocks(const Layout& layout) {
+  return layout.contacts() + (layout.soft_wrench ? layout.wrench_rows : 0);
 }
 
 // Components of the largest block that the contacts may ever form: joints and inequalities can come

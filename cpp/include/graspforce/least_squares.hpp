@@ -26,12 +26,12 @@ class LeastSquares {
   explicit LeastSquares(const Blocks& blocks)
       : blocks_(blocks),
         arena_(most_numbers(blocks.layout())),
-        Z_(blocks.layout().components() * (blocks.layout().wrench_rows + 2)),
-        p_(blocks.layout().components()),
+        Z_(unknowns(blocks.layout()) * (blocks.layout().wrench_rows + 2)),
+        p_(unknowns(blocks.layout())),
         top_(blocks.layout().wrench_rows),
-        beta_(std::max(blocks.layout().wrench_rows, blocks.layout().components())),
+        beta_(std::max<std::size_t>(blocks.layout().wrench_rows, unknowns(blocks.layout()))),
         row_(beta_.size() + 2) {
-    G_.reserve(blocks.layout().contacts());
+    G_.reserve(most_blocks(blocks.layout()));
   }
 
   // Makes the matrices that are kept by block; needed after Blocks::allot. Does not allocate.
@@ -153,7 +153,7 @@ class LeastSquares {
 
  private:
   static std::size_t most_numbers(const Layout& layout) {
-    return (most_rows(layout) + layout.components()) * (largest_block(layout) + 2);
+    return (most_rows(layout) + unknowns(layout)) * (largest_block(layout) + 2);
   }
   static int width(const BlockData& part) { return part.q + 2; }
   static std::size_t numbers(const BlockData& part) {

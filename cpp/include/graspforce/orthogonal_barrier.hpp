@@ -18,8 +18,7 @@ class OrthogonalBarrier : public BlockPoint {
       : BlockPoint(blocks),
         least_squares_(least_squares),
         g_(c_),
-        nu_(blocks.layout().wrench_rows),
-        missing_(nu_) {}
+        nu_(blocks.layout().wrench_rows) {}
 
   void set_weights(double cone_weight, double limit_weight) {
     cone_weight_ = cone_weight;
@@ -33,6 +32,11 @@ class OrthogonalBarrier : public BlockPoint {
     const double root = std::sqrt(limit_weight_);
     for (int b = 0; b < count(); ++b) {
       const int q = part(b).q;
+      if (part(b).slack_row >= 0) {
+        double* row = least_squares_.row(b, 0);
+        row[0] = std::sqrt(cone_weight_);
+        row[1] = row[0] * c(b)[0];
+      }
       for (const Tip& tip : part(b).tips) {
         const int dim = tip.cone.dim;
         double s[4], z[4], scaled[4], V[16];
@@ -90,6 +94,7 @@ class OrthogonalBarrier : public BlockPoint {
     std::fill(g_.begin(), g_.end(), 0.0);
     double* g = g_.data();
     for (int b = 0; b < count(); g += part(b++).q) {
+      if (part(b).slack_row >= 0) g[0] = cone_weight_ * c(b)[0];
       for (const Tip& tip : part(b).tips)
         if (!tip.cone.add_derivatives(c(b) + tip.first, cone_weight_, g + tip.first, nullptr, 0))
           return false;
@@ -107,7 +112,7 @@ class OrthogonalBarrier : public BlockPoint {
   static constexpr double kRounding = 1e-13;
 
   LeastSquares& least_squares_;
-  std::vector<double> g_, nu_, missing_;
+  std::vector<double> g_, nu_;
   double cone_weight_ = 1, limit_weight_ = 1;
 };
 

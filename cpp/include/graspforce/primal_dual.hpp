@@ -46,11 +46,10 @@ class PrimalDual : public BlockPoint {
         arena_(largest_block(blocks.layout()) * (largest_block(blocks.layout()) + 2)),
         nu_(blocks.layout().wrench_rows),
         next_nu_(nu_),
-        missing_(nu_),
         proof_y_(nu_),
         proof_z_(limit_count(blocks.layout())),
         best_(c_) {
-    work_.reserve(blocks.layout().contacts());
+    work_.reserve(most_blocks(blocks.layout()));
   }
 
   // Deals slacks and multipliers out to the blocks; needed after Blocks::allot. Does not allocate.
@@ -123,7 +122,9 @@ class PrimalDual : public BlockPoint {
   void follow(double cone_weight, double limit_weight, Budget& budget) {
     sigma_ = dsigma_ = 0;
     relaxed_ = false;
-    cone_weight_ = limit_weight_ = std::max(cone_weight, limit_weight);
+    slack_weight_ = cone_weight;
+    settle();
+    cone_weight_ = limit_weight_ = std::max({cone_weight, limit_weight, slack_cost()});
     update_slacks();
     aim_at_center(1);
     bool feasible = false;  // y and z balance: true for good after a whole step
@@ -178,7 +179,7 @@ class PrimalDual : public BlockPoint {
   // c = W⁺ f (Eq. 17), σ large enough to admit it, multipliers such that Σ scale·z = 1.
   void relax() {
     relaxed_ = true;
-    cone_weight_ = limit_weight_ = 1;
+    cone_weight_ = limit_weight_ = slack_weight_ = 1;
     std::fill(c_.begin(), c_.end(), 0.0);
     least_violation_ = kInfinity;
     restore_wrench();
@@ -222,6 +223,14 @@ class PrimalDual : public BlockPoint {
              [&](int, const Tip& tip, Lifted& cone) {
                lorentz::center(cone.s, tip.cone.dim, tau * cone_weight_, cone.z);
              });
+  }
+
+  // What the soft rows' slacks cost.
+  double slack_cost() const {
+    double sum = 0;
+    for (int b = 0; b < count(); ++b)
+      if (part(b).slack_row >= 0) sum += 0.5 * slack_weight_ * c(b)[0] * c(b)[0];
+    return sum;
   }
 
   // Squared distance of the products s·z from the weights, in the scaled coordinates: what the
@@ -279,6 +288,11 @@ class PrimalDual : public BlockPoint {
     least_squares_.clear();
     for (int b = 0; b < count(); ++b) {
       const int q = part(b).q;
+      if (part(b).slack_row >= 0) {
+        double* row = least_squares_.row(b, 0);
+        row[0] = std::sqrt(slack_weight_);
+        row[1] = row[0] * c(b)[0];
+      }
       for (int i = 0; i < part(b).tips.size(); ++i) {
         const Tip& tip = part(b).tips[i];
         Lifted& cone = work_[b].cones[i];
@@ -448,11 +462,11 @@ class PrimalDual : public BlockPoint {
   std::vector<Side> sides_;
   std::vector<Lifted> cones_;
   Arena arena_;  // scratch
-  std::vector<double> nu_, next_nu_, missing_, proof_y_, proof_z_;
+  std::vector<double> nu_, next_nu_, proof_y_, proof_z_;
   std::vector<double> best_;  // the balanced point of least violation so far
   double least_violation_ = kInfinity;
   bool relaxed_ = true;
-  double cone_weight_ = 1, limit_weight_ = 1;
+  double cone_weight_ = 1, limit_weight_ = 1, slack_weight_ = 1;
   double sigma_ = 0, dsigma_ = 0, degree_ = 0;
 };
 

@@ -29,10 +29,13 @@ class RankExamination {
         size_(k_),
         length_(k_),
         used_(k_) {
+    exact_.reserve(k_);
     rows_.reserve(k_);
   }
 
-  // An independent set of rows, best conditioned first.
+  // An independent set of the exact rows, best conditioned first.
+  const std::vector<int>& exact_rows() const { return exact_; }
+  // These, and the soft ones, which are independent of all others by their slacks.
   const std::vector<int>& rows() const { return rows_; }
   bool deficient() const { return static_cast<int>(rows_.size()) < k_; }
   bool reachable() const { return reachable_; }  // f lies in the range of W
@@ -42,17 +45,21 @@ class RankExamination {
   // grasp do not count.
   void run(const Problem& p) {
     scale_rows(p);
-    rows_.clear();
+    exact_.clear();
     for (int best = longest_row(); best >= 0; best = longest_row()) {
       used_[best] = true;
-      rows_.push_back(best);
+      exact_.push_back(best);
       eliminate(best);
     }
+    rows_ = exact_;
+    for (int r = 0; r < k_; ++r)
+      if (is_soft(p, r)) rows_.push_back(r);
     // Eliminating a row from another eliminates it from f as well; what is left of f on a row that
     // has vanished is out of reach.
     double largest_f = 0;  // what rounding in f is measured by
     double c = 0;  // what the rows ask of the forces: a relative change of W counts times that
     for (int r = 0; r < k_; ++r) {
+      if (is_soft(p, r)) continue;
       largest_f = std::max(largest_f, std::abs(p.f[r]));
       if (used_[r]) c = std::max(c, std::abs(f_[r]));
     }
@@ -72,6 +79,7 @@ class RankExamination {
   bool fits(const Problem& p, const double* c) const {
     double worst = 0, scale = 0;
     for (int r = 0; r < k_; ++r) {
+      if (is_soft(p, r)) continue;
       const double* w = p.W + static_cast<std::size_t>(r) * m_;
       double sum = 0, size = std::abs(p.f[r]);
       for (int i = 0; i < m_; ++i) {
@@ -85,6 +93,7 @@ class RankExamination {
   }
 
  private:
+  bool is_soft(const Problem& p, int r) const { return layout_.soft_wrench && p.f_soft[r] > 0; }
   double* row(int r) { return Q_.data() + static_cast<std::size_t>(r) * m_; }
 
   // Rows of unit length: forces and torques have different units.
@@ -101,7 +110,7 @@ class RankExamination {
       for (int c = 0; c < m_; ++c) row(r)[c] /= length_[r];
       f_[r] = p.f[r] / length_[r];
       size_[r] = std::abs(f_[r]);
-      used_[r] = false;
+      used_[r] = is_soft(p, r);
     }
   }
 
@@ -138,7 +147,7 @@ class RankExamination {
   int k_, m_;
   std::vector<double> Q_, f_, size_, length_;
   std::vector<char> used_;
-  std::vector<int> rows_;
+  std::vector<int> exact_, rows_;
   bool reachable_ = true, overflows_ = false;
 };
 

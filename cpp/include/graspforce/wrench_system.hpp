@@ -28,9 +28,9 @@ struct WrenchSums {
 // above the diagonal hold anything.
 class WrenchSystem {
  public:
-  // Rows from `k` on are not in use: they get a one on the diagonal.
-  void set_rows(int k) {
-    for (int r = 0; r < kWrench; ++r) unit_[r][r % kLanes] = r < k ? 0 : 1;
+  // What rows get on the diagonal beside their sums: a soft one D, one that is not in use a one.
+  void set_diagonal(const double* D) {
+    for (int r = 0; r < kWrench; ++r) diagonal_[r][r % kLanes] = D[r];
   }
 
   // Takes the sums over the lanes and solves for x. False when a pivot is next to nothing beside
@@ -70,7 +70,7 @@ class WrenchSystem {
     Lanes before[kWrench];
     GRASPFORCE_UNROLL
     for (int j = 0; j < kWrench; ++j) {
-      (j < kLanes ? upper : lower)[j] += unit_[j];
+      (j < kLanes ? upper : lower)[j] += diagonal_[j];
       before[j] = entry(j, upper[j], lower[j]);
     }
     GRASPFORCE_UNROLL
@@ -115,7 +115,7 @@ class WrenchSystem {
     }
   }
 
-  Lanes unit_[kWrench] = {};  // what the diagonal of each column gets
+  Lanes diagonal_[kWrench] = {};                                // column by column
   double L_[kWrench][2 * kLanes] = {}, inverse_[kWrench] = {};  // L column by column
 };
 
