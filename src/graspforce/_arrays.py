@@ -178,17 +178,24 @@ def as_positive(value: float, name: str, unit: str = "") -> float:
     return number
 
 
+def index_of(value: Any) -> int | None:
+    """Return an integer of any type as an int; None for everything else, True and False too."""
+    if isinstance(value, bool | np.bool_):  # NumPy's own is an index before 2.3, with a warning
+        return None
+    try:
+        return operator.index(value)
+    except TypeError:
+        return None
+
+
 def as_integer(value: Any, name: str, least: int) -> int:
     """Return ``value`` as an int, from ``least`` to the most that the compiled core counts to.
 
     Raises:
         InvalidInputError: no integer, or out of range.
     """
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = least - 1
-    if isinstance(value, bool) or not least <= number <= LARGEST_INT:
+    number = index_of(value)
+    if number is None or not least <= number <= LARGEST_INT:
         raise InvalidInputError(
             f"{name}: got {came(value)}, expected an integer in {least}…{LARGEST_INT}"
         )
