@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
+from graspforce.columns import Columns
 from graspforce.compare import flops
 from graspforce.compare.methods import Method
 from graspforce.compare.tasks import Task
@@ -125,9 +127,9 @@ def measure(method: Method, task: Task, whole: bool) -> Measured:
     if warm is not None:
         pairs = zip(ends, (solution.status for _, solution in warm), strict=True)
         ends = [max(pair, key=_badness) for pair in pairs]
-    solutions = [solution for _, solution in warm or cold]
-    good = [each for each in solutions if each.status is Status.SOLVED]
-    forces = _normal_forces(solutions)
+    columns = Columns(solution for _, solution in warm or cold)
+    solved = columns.solved
+    forces = _normal_forces(columns)
     formula = flops.STEP.get(method.name)
     return Measured(
         method=method.name,
@@ -137,12 +139,12 @@ def measure(method: Method, task: Task, whole: bool) -> Measured:
         of=len(task.problems),
         cold_us=np.array([us for us, _ in cold]),
         warm_us=None if warm is None else np.array([us for us, _ in warm]),
-        iterations=_steps(solution for _, solution in cold),
-        warm_iterations=None if warm is None else _steps(solution for _, solution in warm),
+        iterations=Columns(solution for _, solution in cold).newton_steps,
+        warm_iterations=None if warm is None else columns.newton_steps,
         step_flops=None if formula is None else formula(first),
-        slip_margin=min((float(each.friction_margins.min()) for each in good), default=None),
-        torque_margin=_finite(min((each.torque_residual for each in good), default=None)),
-        largest_normal=max((float(each.normal_forces.max()) for each in good), default=None),
+        slip_margin=_extreme(np.nanmin, columns.friction_margins[solved]),
+        torque_margin=_finite(_extreme(np.nanmin, columns.torque_residual[solved])),
+        largest_normal=_extreme(np.nanmax, columns.normal_forces[solved]),
         largest_jump=None if task.t is None or forces is None else _jump(ran, forces),
         normal_forces=forces,
         statuses=dict(Counter(each.name for each in ends)),
@@ -199,19 +201,14 @@ def _badness(status: Status) -> int:
     return _VERDICTS.index(status) if status in _VERDICTS else len(_VERDICTS)
 
 
-def _steps(solutions: Iterable[Solution]) -> NDArray[np.int64]:
-    return np.array([each.newton_steps for each in solutions], dtype=np.int64)
+def _extreme(of: Callable[[Array], Any], values: Array) -> float | None:
+    return float(of(values)) if values.size else None
 
 
-def _normal_forces(solutions: list[Solution]) -> Array | None:
-    sizes = {each.problem.n for each in solutions}
-    if len(sizes) != 1:
+def _normal_forces(columns: Columns) -> Array | None:
+    if len({each.problem.n for each in columns}) != 1:
         return None
-    rows = [
-        each.normal_forces if each.status is Status.SOLVED else np.full(each.problem.n, np.nan)
-        for each in solutions
-    ]
-    return np.array(rows)
+    return np.where(columns.solved[:, None], columns.normal_forces, np.nan)
 
 
 def _jump(ran: NDArray[np.int64], forces: Array) -> float | None:
