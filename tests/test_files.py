@@ -19,7 +19,7 @@ from jsonschema import Draft202012Validator
 
 import graspforce as gf
 from graspforce import files
-from graspforce.files import npz_grasps, writing
+from graspforce.files import npz_grasps
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -340,6 +340,34 @@ def test_npz_all_limits(tmp_path):
     )  # fmt: skip
 
 
+def test_npz_every_limit_of_every_grasp_has_its_own_numbers(tmp_path):
+    rng = np.random.default_rng(3)
+    data = stacks(B=4)
+    del data["tau_limit"], data["c_max"]
+    data |= {
+        "tau_lo": rng.uniform(-2, -1, 4), "tau_hi": rng.uniform(1, 2, (4, 4)), "tau_bias": 0.1,
+        "c_max": rng.uniform(5, 9, (4, 2)), "c_min": rng.uniform(0.1, 0.2, 4),
+        "engagement": rng.uniform(0.5, 1, (4, 2)), "c_last": rng.normal(size=(4, 6)),
+        "dc_max": rng.uniform(1, 2, 4), "A": rng.normal(size=(4, 2, 6)),
+        "b": rng.normal(size=(4, 2)),
+    }  # fmt: skip
+    np.savez(tmp_path / "s.npz", **data)
+    for i, (_, problem) in enumerate(files.read(tmp_path / "s.npz")):
+        own = {
+            key: value[i] if np.ndim(value) else value
+            for key, value in data.items()
+            if key not in ("mu", "names")
+        }
+        assert problem == gf.ForceProblem(models=[gf.PCWF(mu) for mu in data["mu"][i]], **own)
+
+
+def test_npz_problems_cannot_be_written_to(tmp_path):
+    np.savez(tmp_path / "s.npz", **stacks())
+    problem = files.read(tmp_path / "s.npz")[1].problem
+    with pytest.raises(ValueError, match="read-only"):
+        problem.f[0] = 1.0
+
+
 def test_npz_names(tmp_path):
     data = stacks()
     names = data.pop("names")
@@ -358,7 +386,9 @@ def test_npz_other_keys_are_left_alone_and_listed(tmp_path):
     np.savez(tmp_path / "s.npz", **stacks(), **other)
     assert len(files.read(tmp_path / "s.npz")) == 3
     assert sorted(files.unused_keys(tmp_path / "s.npz")) == ["mass", "poses"]
+    assert sorted(files.load(tmp_path / "s.npz").unused_keys) == ["mass", "poses"]
     assert files.unused_keys(tmp_path / "any.json") == []
+    assert files.load(save(tmp_path / "can.json", CAN)).unused_keys == []
     with pytest.raises(gf.InvalidInputError, match=r"none\.npz: cannot read"):
         files.unused_keys(tmp_path / "none.npz")
 
@@ -382,6 +412,12 @@ def test_npz_is_never_unpickled(tmp_path):
     assert not trace.exists()
 
 
+def last_nan():
+    J = np.ones((3, 6, 4))
+    J[2, 5, 3] = np.nan
+    return J
+
+
 BAD_STACKS = {
     "no W": ({"W": None}, r"W: missing; expected at least W \(B, k, m\), f \(B, k\) and mu"),
     "no f": ({"f": None}, "f: missing"),
@@ -399,6 +435,7 @@ BAD_STACKS = {
     "mu 0": ({"mu": [0.5, 0.0, 0.5]}, "grasp 1 'grasp 1 ä': PCWF.mu: got 0.0"),
     "three mu": ({"mu": np.ones((3, 3))}, r"mu: got shape \(3,\), expected shape \(2,\)"),
     "tau_limit 0": ({"tau_limit": [1, 1, 0]}, r"grasp 2 .*: tau_limit\[0\]: got 0, expected more"),
+    "NaN in the last": ({"J": last_nan()}, r"grasp 2 .*: J\[5, 3\]: got nan, expected"),
     "tau_limit of text": ({"tau_limit": "a"}, "tau_limit: got type str"),
     "no J": ({"J": None}, "J: missing; tau_lo and tau_hi came without it"),
     "no tau_limit": ({"tau_limit": None}, "tau_lo: missing; J came without it"),
@@ -693,12 +730,17 @@ def test_python_of_the_docs_runs(tmp_path, snippet, monkeypatch, capsys):
     assert capsys.readouterr().out.strip() == re.findall(r"print\(.*# (.*)", snippet)[-1]
 
 
-def test_docs_name_every_key_and_field():
+def test_files_docs_name_every_key_and_field(tmp_path, results):
+    files.write(tmp_path / "out.json", results)
+    files.write(tmp_path / "out.npz", results)
+    with np.load(tmp_path / "out.npz") as archive:
+        fields = {key.removesuffix("_length") for key in archive.files}
+    written = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["results"][0]
     text = (ROOT / "docs" / "file_formats.md").read_text(encoding="utf-8")
     definitions = files.schema()["$defs"]
     keys = {
         key for each in ("grasp", "contact", "several") for key in definitions[each]["properties"]
     }
-    keys |= {*npz_grasps._KEYS, *writing._TEXTS, *writing._NUMBERS, *writing._VECTORS}
+    keys |= {*npz_grasps.KEYS, *fields, *written}
     missing = {key for key in keys if f"`{key}" not in text}
     assert not missing

@@ -17,15 +17,17 @@ from __future__ import annotations
 
 from graspforce._util.atomic import replacing
 from graspforce.files.json_grasps import schema
-from graspforce.files.named import NamedProblem, NamedSolution
+from graspforce.files.named import GraspFile, NamedProblem, NamedSolution
 from graspforce.files.npz_grasps import unused_keys
-from graspforce.files.reading import read
+from graspforce.files.reading import load, read
 from graspforce.files.writing import check_output, write
 
 __all__ = [
+    "GraspFile",
     "NamedProblem",
     "NamedSolution",
     "check_output",
+    "load",
     "read",
     "replacing",
     "schema",
