@@ -9,9 +9,9 @@ from pathlib import Path
 from rich.console import Console, RenderableType
 
 from graspforce._util.atomic import check_writable, replacing
+from graspforce._util.environment import describe_machine
 from graspforce.cli import terminal
 from graspforce.errors import InvalidInputError
-from graspforce.report.machine import describe_machine
 
 
 def writable(name: str) -> Path:

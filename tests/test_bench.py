@@ -4,11 +4,13 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import graspforce as gf
 from graspforce import bench
-from graspforce.bench import clock, own, peers, plot, workloads
+from graspforce._util import clock
+from graspforce.bench import own, peers, plot, workloads
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +125,25 @@ def bench_command(*arguments):
         [sys.executable, "-m", "graspforce", "bench", "--effort", "1", *map(str, arguments)],
         capture_output=True, encoding="utf-8",
     )  # fmt: skip
+
+
+def test_servo_steps_that_are_timed_take_every_field_that_changes():
+    rng = np.random.default_rng(1)
+    problems = [
+        problem.replace(alpha=rng.uniform(1, 9), tau_hi=rng.uniform(0.5, 1, 12), c_max=c_max)
+        for problem in workloads.dynamic_task()[:20]
+        for c_max in [rng.uniform(20, 30)]
+    ]
+    servo = gf.Servo(problems[0])
+    for problem, (before, step) in zip(problems, own.steps(problems), strict=True):
+        before()
+        solution = step()
+        assert solution.problem == problem
+        np.testing.assert_allclose(solution.c, servo.step_to(problem).c, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ticks", [own.bound_ticks, own.written_ticks])
+def test_servo_ticks_that_write_f_W_J_refuse_other_changes(ticks):
+    first, second = workloads.dynamic_task()[:2]
+    with pytest.raises(gf.InvalidInputError, match="problems: alpha, tau_lo changed, expected"):
+        ticks([first, second.replace(alpha=2.0, tau_lo=-0.4)])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from graspforce import figures, scenarios
+from graspforce._util import plot
 from graspforce.errors import MissingExtraError
-from graspforce.figures import style
 
 MU, LIMIT = 0.5, 0.5
 BY_NUMBER = {module.NUMBER: module for module in figures.FIGURES}
@@ -229,7 +229,7 @@ def test_the_time_without_finger_1_is_shaded(number, shown):
 
 @pytest.mark.parametrize("kind", ["png", "svg"])
 def test_the_same_figure_is_the_same_bytes(kind, shown):
-    first, second = (style.render(BY_NUMBER[9].draw(shown[9]), kind) for _ in range(2))
+    first, second = (plot.render(BY_NUMBER[9].draw(shown[9]), kind) for _ in range(2))
     assert first == second
     if kind == "png":
         assert first.startswith(b"\x89PNG\r\n\x1a\n")
@@ -273,4 +273,4 @@ def test_the_picture_is_drawn():
     figure = figures.grasp_picture.draw(figures.grasp_picture.data(scenarios.static()))
     assert len(figure.axes[0].texts) == 4
     assert all(text.get_text().endswith(" N") for text in figure.axes[0].texts)
-    assert style.render(figure, "png").startswith(b"\x89PNG")
+    assert plot.render(figure, "png").startswith(b"\x89PNG")

@@ -15,8 +15,8 @@ from conftest import as_ordinary_user
 
 import graspforce as gf
 from graspforce import figures, report
+from graspforce._util import plot
 from graspforce.compare import methods
-from graspforce.figures import style
 from graspforce.report import page, timing
 
 report_compared = report.COMPARED
@@ -225,7 +225,7 @@ def test_a_folder_in_the_place_of_a_file_is_refused_before_any_work(tmp_path, mo
 def test_a_read_only_folder_is_refused(sealed_folder, monkeypatch):
     monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
     refused = r"expected a folder to write into \(Permission"
-    style.new_figure()  # these import what a report is made with
+    plot.new_figure()  # these import what a report is made with
     page.template()
     importlib.import_module("graspforce.report.physics")
     with pytest.raises(gf.InvalidInputError, match=refused), as_ordinary_user():

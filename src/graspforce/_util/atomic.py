@@ -5,7 +5,7 @@ private folder beside it and takes its place with one rename, so nobody ever see
 whatever goes wrong before leaves the old one as it was. Pipes, terminals and other character
 devices are never replaced: they get the finished bytes as a stream.
 
-:func:`check_writable` and :func:`make_folder` find out before any long work whether that will do.
+The other functions find out before any long work whether that will do.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import re
 import shutil
 import stat
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -82,6 +82,26 @@ def check_writable(path: str | Path) -> None:
                 pass
     except OSError as error:
         raise InvalidInputError(f"{path}: cannot write it: {error.strerror or error}") from error
+
+
+def check_output(path: str | Path, endings: Sequence[str] = (".json", ".npz", ".csv")) -> None:
+    """Confirm, before any long work, that ``path`` is a place for results.
+
+    Args:
+        path: where results shall go.
+        endings: of the file's name, those that will do.
+
+    Raises:
+        InvalidInputError: another ending; a directory, a socket or a block device; a file or
+            folder that must not be written to, or a folder that is not there.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in endings:
+        raise InvalidInputError(
+            f"{path}: got a file name ending in {path.suffix!r}, expected one in "
+            f"{' or '.join(endings)}"
+        )
+    check_writable(path)
 
 
 def make_folder(path: str | Path, name: str) -> Path:

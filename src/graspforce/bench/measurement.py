@@ -13,8 +13,8 @@ import numpy as np
 
 from graspforce._arrays import Array
 from graspforce._util.atomic import replacing
+from graspforce._util.environment import describe_machine
 from graspforce.errors import InvalidInputError
-from graspforce.report.machine import describe_machine
 
 PERCENTILES = (50.0, 99.0, 99.9)
 

@@ -15,12 +15,14 @@ import numpy as np
 
 from graspforce import _engine
 from graspforce._arrays import Array
+from graspforce._util.clock import Call, Pair, hot, nothing, paced
 from graspforce.bench import workloads
-from graspforce.bench.clock import Call, Pair, hot, nothing, paced
 from graspforce.bench.measurement import Measurement
+from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 from graspforce.servo import Servo
 from graspforce.settings import Settings
+from graspforce.solution import Solution
 from graspforce.solve import solve
 
 RATE = 1000.0  # 1/s
@@ -82,27 +84,37 @@ def import_time(effort: int) -> Iterator[Measurement]:
     yield Measurement("import", "import graspforce, beyond NumPy's", np.array(runs[1:]))
 
 
-def steps(problems: list[ForceProblem]) -> list[Pair]:
-    """Return ticks that pass new arrays to ``servo.step``."""
-    servo = Servo(problems[0])
+def steps(problems: list[ForceProblem]) -> list[tuple[Call, Callable[[], Solution]]]:
+    """Return ticks that pass arrays of their own of the fields that change to ``servo.step``.
 
-    def step(f: Array, W: Array, J: Array) -> Call:
-        return lambda: servo.step(f=f, W=W, J=J)
+    ``servo.step_to(problem)`` would be shorter, but a controller has arrays and no ForceProblem:
+    this is the call that it makes.
+    """
+    servo, names = Servo(problems[0]), changing_fields(problems)
 
-    return [(nothing, step(np.array(p.f), np.array(p.W), np.array(p.J))) for p in problems]
+    def step(changes: dict[str, Any]) -> Callable[[], Solution]:
+        return lambda: servo.step(**changes)
+
+    return [(nothing, step({name: np.array(getattr(p, name)) for name in names})) for p in problems]
+
+
+def changing_fields(problems: list[ForceProblem]) -> list[str]:
+    """Return the names of the fields that change in a stream of problems of one layout."""
+    stack = problems[0].layout.views(np.array([problem.packed for problem in problems]))
+    return [name for name, values in stack.items() if (values != values[0]).any()]
 
 
 def bound_ticks(problems: list[ForceProblem]) -> list[Pair]:
     """Return ticks from arrays that were written before the clock starts."""
     servo = Servo(problems[0])
-    write = _writer(servo)
+    write = _writer(servo, problems)
     return [(partial(write, p.f, p.W, p.J), servo.tick) for p in problems]
 
 
 def written_ticks(problems: list[ForceProblem]) -> list[Pair]:
     """Return ticks with the writing of the arrays."""
     servo = Servo(problems[0])
-    write = _writer(servo)
+    write = _writer(servo, problems)
 
     def tick(new_f: Array, new_W: Array, new_J: Array) -> None:
         write(new_f, new_W, new_J)
@@ -111,7 +123,13 @@ def written_ticks(problems: list[ForceProblem]) -> list[Pair]:
     return [(nothing, partial(tick, p.f, p.W, p.J)) for p in problems]
 
 
-def _writer(servo: Servo) -> Callable[[Array, Array, Array], None]:
+def _writer(servo: Servo, problems: list[ForceProblem]) -> Callable[[Array, Array, Array], None]:
+    """Return a function that writes f, W and J, all that may change in these problems."""
+    others = set(changing_fields(problems)) - {"f", "W", "J"}
+    if others:
+        raise InvalidInputError(
+            f"problems: {', '.join(sorted(others))} changed, expected only f, W and J to change"
+        )
     f, W, J = servo.f, servo.W, servo.J
 
     def write(new_f: Array, new_W: Array, new_J: Array) -> None:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from graspforce import baselines
+from graspforce._util.clock import Pair, hot, nothing
 from graspforce.bench import workloads
-from graspforce.bench.clock import Pair, hot, nothing
 from graspforce.bench.measurement import Measurement
 from graspforce.problem import ForceProblem
 from graspforce.solve import solve

@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from graspforce._util.claim import Claim
 from graspforce.compare import flops
 from graspforce.compare.measure import Measured, measure
 from graspforce.compare.methods import NAMES, WBF, chosen
 from graspforce.compare.tasks import Task, task
-from graspforce.figures.claim import Claim
 from graspforce.problem import ForceProblem
 from graspforce.scenarios import NAMES as SCENARIOS
 

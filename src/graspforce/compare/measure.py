@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
+from graspforce._util.clock import hot, nothing
 from graspforce.columns import Columns
 from graspforce.compare import flops
 from graspforce.compare.methods import Method
@@ -118,16 +119,15 @@ def measure(method: Method, task: Task, whole: bool) -> Measured:
     ran = task.some(None if whole else method.most)
     problems = [task.problems[int(i)] for i in ran]
 
-    passes = 2 if method.most is None else 1
-    cold = _timed(lambda: method.cold, problems, passes)
-    warm = None
+    fast = method.most is None
+    cold_us, cold = _timed(lambda: method.cold, problems, warm_up=fast)
+    warm_us = warm = None
     if method.warm is not None and task.t is not None:
-        warm = _timed(method.warm, problems, passes)
-    ends = [solution.status for _, solution in cold]
+        warm_us, warm = _timed(method.warm, problems, warm_up=fast)
+    ends: list[Status] = cold.rows("status")
     if warm is not None:
-        pairs = zip(ends, (solution.status for _, solution in warm), strict=True)
-        ends = [max(pair, key=_badness) for pair in pairs]
-    columns = Columns(solution for _, solution in warm or cold)
+        ends = [max(pair, key=_badness) for pair in zip(ends, warm.rows("status"), strict=True)]
+    columns = cold if warm is None else warm
     solved = columns.solved
     forces = _normal_forces(columns)
     formula = flops.STEP.get(method.name)
@@ -137,10 +137,10 @@ def measure(method: Method, task: Task, whole: bool) -> Measured:
         missing=None,
         ran=ran,
         of=len(task.problems),
-        cold_us=np.array([us for us, _ in cold]),
-        warm_us=None if warm is None else np.array([us for us, _ in warm]),
-        iterations=Columns(solution for _, solution in cold).newton_steps,
-        warm_iterations=None if warm is None else columns.newton_steps,
+        cold_us=cold_us,
+        warm_us=warm_us,
+        iterations=cold.newton_steps,
+        warm_iterations=None if warm is None else warm.newton_steps,
         step_flops=None if formula is None else formula(first),
         slip_margin=_extreme(np.nanmin, columns.friction_margins[solved]),
         torque_margin=_finite(_extreme(np.nanmin, columns.torque_residual[solved])),
@@ -176,24 +176,31 @@ def _nothing(method: Method, task: Task, missing: str) -> Measured:
 def _timed(
     make: Callable[[], Callable[[ForceProblem], Solution]],
     problems: Sequence[ForceProblem],
-    passes: int,
-) -> list[tuple[float, Solution]]:
-    """Return, of the last pass, each solve's time with reading its forces [µs] and solution.
+    warm_up: bool,
+) -> tuple[Array, Columns]:
+    """Return each solve's time with reading its forces [µs], and the solutions.
 
     Args:
         make: called before each pass, for the function that solves.
         problems: one after the other.
-        passes: how many.
+        warm_up: whether a first pass does not count.
     """
-    found: list[tuple[float, Solution]] = []
-    for _ in range(passes):
-        call, found = make(), []
-        for problem in problems:
-            start = time.perf_counter_ns()
-            solution = call(problem)
-            _ = solution.c
-            found.append(((time.perf_counter_ns() - start) / 1e3, solution))
-    return found
+    solve, found = make(), list[Solution]()
+
+    def begin() -> None:
+        nonlocal solve
+        solve = make()
+        found.clear()
+
+    def run(problem: ForceProblem) -> None:
+        solution = solve(problem)
+        _ = solution.c
+        found.append(solution)
+
+    before = [begin] + [nothing] * (len(problems) - 1)
+    calls = [partial(run, problem) for problem in problems]
+    times = hot(list(zip(before, calls, strict=True)), rounds=1, warm_up=warm_up)
+    return times, Columns(found)
 
 
 def _badness(status: Status) -> int:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from graspforce._util import plot
 from graspforce._util.atomic import check_writable, make_folder, replacing
 from graspforce.compare import Comparison
 from graspforce.compare.draw import draw_forces, draw_times
 from graspforce.compare.measure import Measured
-from graspforce.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,7 +122,7 @@ def prepare(folder: Path) -> None:
             comparison.
         MissingExtraError: matplotlib is not installed.
     """
-    style.new_figure()
+    plot.new_figure()
     check_writable(make_folder(folder, "out") / NAME)
 
 
@@ -142,7 +142,7 @@ def write(found: Comparison, folder: Path, about: dict[str, Any]) -> None:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     for stem, picture in pictures(found).items():
         with replacing(folder / f"{stem}.png") as temporary:
-            temporary.write_bytes(style.render(picture, "png"))
+            temporary.write_bytes(plot.render(picture, "png"))
 
 
 def pictures(found: Comparison) -> dict[str, Figure]:

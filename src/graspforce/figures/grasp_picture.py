@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspforce._arrays import Array
+from graspforce._util import plot
 from graspforce.contact import PCWF
-from graspforce.figures import style
 from graspforce.scenarios import Scenario
 from graspforce.solve import solve
 
@@ -138,7 +138,7 @@ def _facets(shown: Data) -> _Facets:
     for i, j in itertools.combinations(range(8), 2):
         if (i ^ j).bit_count() == 1:
             facets.tube((corners[i], corners[j]), (0.0005, 0.0005), "#a9822b", pieces=12)
-    for finger, colour in enumerate(style.FINGERS):
+    for finger, colour in enumerate(plot.FINGERS):
         base, knee, tip = shown.joints[finger]
         for centre, radius in ((base, _BASE), (knee, _KNEE), (tip, _TIP)):
             facets.ball(centre, radius, "#4d5966")
@@ -160,7 +160,7 @@ def _facets(shown: Data) -> _Facets:
 
 def draw(shown: Data) -> Figure:
     """Draw the picture."""
-    figure = style.new_figure(height=4.8, width=6.4)
+    figure = plot.new_figure(height=4.8, width=6.4)
     figure.set_layout_engine("none")  # the axes are invisible: let them fill the figure
     from matplotlib.patheffects import withStroke
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -175,7 +175,7 @@ def draw(shown: Data) -> Figure:
             list(quads), facecolors=colours, edgecolors=edges, linewidths=0.4, clip_on=False
         )
     )
-    for finger, colour in enumerate(style.FINGERS):
+    for finger, colour in enumerate(plot.FINGERS):
         size = float(np.linalg.norm(shown.forces[finger]))
         tail = shown.points[finger] - (_SCALE + 0.016 / size) * shown.forces[finger]
         axes.text(

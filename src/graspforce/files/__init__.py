@@ -15,12 +15,12 @@ file, the place in it, what came and what was expected. Nothing is ever unpickle
 
 from __future__ import annotations
 
-from graspforce._util.atomic import replacing
+from graspforce._util.atomic import check_output, replacing
 from graspforce.files.json_grasps import schema
 from graspforce.files.named import GraspFile, NamedProblem, NamedSolution
 from graspforce.files.npz_grasps import unused_keys
 from graspforce.files.reading import load, read
-from graspforce.files.writing import check_output, write
+from graspforce.files.writing import write
 
 __all__ = [
     "GraspFile",

@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce._util.atomic import check_writable, replacing
+from graspforce._util.atomic import check_output, replacing
 from graspforce.columns import Columns, stacked
-from graspforce.errors import InvalidInputError
 from graspforce.solution import Solution
 
 _NUMBERS = (
@@ -47,26 +46,6 @@ def write(path: str | Path, results: Sequence[tuple[str, Solution]]) -> None:
     table = _Table(results)
     with replacing(path) as temporary:
         _WRITERS[Path(path).suffix.lower()](temporary, table)
-
-
-def check_output(path: str | Path, endings: Sequence[str] = (".json", ".npz", ".csv")) -> None:
-    """Confirm, before any long work, that ``path`` is a place for results.
-
-    Args:
-        path: where results shall go.
-        endings: of the file's name, those that will do.
-
-    Raises:
-        InvalidInputError: another ending; a directory, a socket or a block device; a file or
-            folder that must not be written to, or a folder that is not there.
-    """
-    path = Path(path)
-    if path.suffix.lower() not in endings:
-        raise InvalidInputError(
-            f"{path}: got a file name ending in {path.suffix!r}, expected one in "
-            f"{' or '.join(endings)}"
-        )
-    check_writable(path)
 
 
 class _Table:

@@ -22,11 +22,12 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from graspforce import compare, scenarios
+from graspforce._util import plot
 from graspforce._util.atomic import check_writable, make_folder, replacing
+from graspforce._util.environment import describe_run
 from graspforce.compare import output
-from graspforce.figures import FIGURES, PaperFigure, grasp_picture, style
+from graspforce.figures import FIGURES, PaperFigure, grasp_picture
 from graspforce.outcome import Status
-from graspforce.report.machine import describe_run
 from graspforce.report.page import EQUATIONS, template
 from graspforce.report.timing import measure_times, time_claims
 from graspforce.scenarios import Log
@@ -58,7 +59,7 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
         MissingExtraError: matplotlib, jinja2, mujoco or imageio is not installed.
     """
     tell = progress or _say_nothing
-    style.new_figure()  # a missing extra is found before the work, and before a folder is made
+    plot.new_figure()  # a missing extra is found before the work, and before a folder is made
     page = template()
     from graspforce.report import physics  # needs MuJoCo, which may be the next to be missing
 
@@ -90,11 +91,11 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
         results["figures"][str(figure.NUMBER)] = _make(figure, sources, folder, images)
     tell("figures", total - 1, total)
     picture = grasp_picture.draw(grasp_picture.data(logs["static"].scenario))
-    images["grasp.png"] = _write(folder / "grasp.png", style.render(picture, "png"))
+    images["grasp.png"] = _write(folder / "grasp.png", plot.render(picture, "png"))
 
     for stem, picture in output.pictures(compared).items():
         name = f"methods_{stem}.svg"
-        images[name] = _write(folder / name, style.render(picture, "svg"))
+        images[name] = _write(folder / name, plot.render(picture, "svg"))
 
     results = _plain(results)
     _write(folder / "results.json", _json(results).encode())
@@ -164,8 +165,8 @@ def _make(
     shown = figure.data(sources[figure.SOURCE])
     drawn = figure.draw(shown)
     stem = figure.__name__.rpartition(".")[2]
-    _write(folder / f"{stem}.png", style.render(drawn, "png"))
-    images[f"{stem}.svg"] = _write(folder / f"{stem}.svg", style.render(drawn, "svg"))
+    _write(folder / f"{stem}.png", plot.render(drawn, "png"))
+    images[f"{stem}.svg"] = _write(folder / f"{stem}.svg", plot.render(drawn, "svg"))
     return {
         "title": figure.TITLE,
         "source": figure.SOURCE,

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
+from graspforce._util.atomic import check_output, replacing
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.files import check_output, replacing
 from graspforce.outcome import Status
 
 ENDINGS = (".npz", ".parquet", ".csv")

@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
+from graspforce._util.atomic import check_output, replacing
 from graspforce.contact import FPC, Contact
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.files import check_output, replacing
 from graspforce.hands.mujoco_model import no_opengl
 from graspforce.sim.engine import mj
 from graspforce.sim.log import Log
