@@ -10,7 +10,8 @@ import pytest
 import graspforce as gf
 from graspforce import bench
 from graspforce._util import clock
-from graspforce.bench import own, peers, plot, workloads
+from graspforce.bench import own, peers, plot
+from graspforce.scenarios import random
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def test_a_run_times_what_it_promises(run):
 
 
 def test_every_tick_that_is_timed_is_solved():
-    problems = workloads.dynamic_task()[:40]
+    problems = list(gf.scenarios.dynamic().problems())[:40]
     for ticks in (own.bound_ticks(problems), own.written_ticks(problems), own.steps(problems)):
         for before, call in ticks:
             before()
@@ -49,11 +50,11 @@ def test_every_tick_that_is_timed_is_solved():
 
 
 def test_random_grasps_are_feasible_and_the_same_each_time():
-    once, again = workloads.random_grasps(20), workloads.random_grasps(20)
+    once, again = random.grasps(20), random.grasps(20)
     assert once == again
     assert all(gf.solve(problem).status is gf.Status.SOLVED for problem in once)
     for contacts in own.CONTACTS:
-        stream = workloads.breathing_grasp(contacts, 4)
+        stream = random.stream(contacts, 4)
         assert all(gf.solve(problem).status is gf.Status.SOLVED for problem in stream)
 
 
@@ -131,7 +132,7 @@ def test_servo_steps_that_are_timed_take_every_field_that_changes():
     rng = np.random.default_rng(1)
     problems = [
         problem.replace(alpha=rng.uniform(1, 9), tau_hi=rng.uniform(0.5, 1, 12), c_max=c_max)
-        for problem in workloads.dynamic_task()[:20]
+        for problem in list(gf.scenarios.dynamic().problems())[:20]
         for c_max in [rng.uniform(20, 30)]
     ]
     servo = gf.Servo(problems[0])
@@ -144,6 +145,6 @@ def test_servo_steps_that_are_timed_take_every_field_that_changes():
 
 @pytest.mark.parametrize("ticks", [own.bound_ticks, own.written_ticks])
 def test_servo_ticks_that_write_f_W_J_refuse_other_changes(ticks):
-    first, second = workloads.dynamic_task()[:2]
+    first, second = list(gf.scenarios.dynamic().problems())[:2]
     with pytest.raises(gf.InvalidInputError, match="problems: alpha, tau_lo changed, expected"):
         ticks([first, second.replace(alpha=2.0, tau_lo=-0.4)])

@@ -1,15 +1,10 @@
 """The random campaign in short: no wrong verdict, none missing at a margin of 1e-3."""
 
-import sys
-from pathlib import Path
-
+import campaign
 import numpy as np
 import pytest
 
 import graspforce as gf
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-import campaign
 
 
 def verdicts(geometries, margin=None, hard=False, seed=7):

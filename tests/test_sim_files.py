@@ -19,7 +19,7 @@ from graspforce import cli, sim
 from graspforce._util import atomic
 from graspforce.cli import simulate as simulate_command
 from graspforce.cli import terminal
-from graspforce.sim import motions, render
+from graspforce.sim import render
 from graspforce.sim.controller import rotation_vector, swing_point
 from graspforce.sim.scenes.bulb import bulb
 
@@ -399,37 +399,6 @@ def test_simulate_says_in_one_line_what_is_wrong(arguments, message):
 
 
 # ---- the parts ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "motion",
-    [
-        motions.Move(np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.03, -0.01]), 0.1, 0.7),
-        motions.Sway(np.zeros(3), np.array([0.05, 0.02, -0.04]), 0.15, 0.2, 1.5),
-        motions.Screw(np.zeros(3), 2.0, 1.5, 0.3, 0.0036),
-    ],
-    ids=lambda motion: type(motion).__name__,
-)
-def test_the_derivatives_of_motions(motion):
-    h = 1e-5
-    for t in np.linspace(0.0513, 2.0, 40):
-        before, state, after = motion.at(t - h), motion.at(t), motion.at(t + h)
-        for rate, name in (("velocity", "position"), ("acceleration", "velocity")):
-            slope = (getattr(after, name) - getattr(before, name)) / (2 * h)
-            np.testing.assert_allclose(getattr(state, rate), slope, atol=2e-4)
-        assert state.yaw_rate == pytest.approx((after.yaw - before.yaw) / (2 * h), abs=1e-6)
-        slope = (after.yaw_rate - before.yaw_rate) / (2 * h)
-        assert state.yaw_acceleration == pytest.approx(slope, abs=2e-3)
-
-
-def test_motions_arrive():
-    move = motions.Move(np.zeros(3), np.array([0.01, 0.0, 0.0]), 0.3, 0.7)
-    np.testing.assert_array_equal(move.at(0.2).position, 0)
-    np.testing.assert_allclose(move.at(1.1).position, [0.01, 0, 0])
-    screw = motions.Screw(np.zeros(3), 7.0, 0.5, 0.4, 0.0036)
-    assert screw.at(screw.duration).yaw == pytest.approx(7.0)
-    assert screw.at(screw.duration + 1).yaw_rate == 0
-    assert screw.at(99.0).position[2] == pytest.approx(0.0036 * 7.0 / (2 * np.pi))
 
 
 def test_a_step_starts_and_ends_on_the_surface_and_rises_between():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import graspforce as gf
-from graspforce.trajectory import Circle, Hold, wrench
+from graspforce.trajectory import Circle, Hold, Move, Screw, Sway, wrench
 
 CIRCLE = Circle((0.025, 0.05, 0.1), 0.025, 2.0, math.pi / 8, 1.0)
 MOTIONS = [CIRCLE, Circle((0, 0, 0), 0.3, 0.7, -0.2, 2.5), Hold((0.025, -0.05, 0.1), 0.1)]
@@ -122,3 +122,34 @@ def test_motions_are_values(motion):
     assert eval(repr(motion)) == motion
     assert hash(motion) == hash(pickle.loads(pickle.dumps(motion)))
     assert Hold([0, 0, 1]) == Hold(np.array([0.0, 0, 1]))
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        Move(np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.03, -0.01]), 0.1, 0.7),
+        Sway(np.zeros(3), np.array([0.05, 0.02, -0.04]), 0.15, 0.2, 1.5),
+        Screw(np.zeros(3), 2.0, 1.5, 0.3, 0.0036),
+    ],
+    ids=lambda motion: type(motion).__name__,
+)
+def test_motions_from_rest_have_the_derivatives_that_they_say(motion):
+    h = 1e-5
+    for t in np.linspace(0.0513, 2.0, 40):
+        before, state, after = motion.at(t - h), motion.at(t), motion.at(t + h)
+        for rate, name in (("velocity", "position"), ("acceleration", "velocity")):
+            slope = (getattr(after, name) - getattr(before, name)) / (2 * h)
+            np.testing.assert_allclose(getattr(state, rate), slope, atol=2e-4)
+        assert state.yaw_rate == pytest.approx((after.yaw - before.yaw) / (2 * h), abs=1e-6)
+        slope = (after.yaw_rate - before.yaw_rate) / (2 * h)
+        assert state.yaw_acceleration == pytest.approx(slope, abs=2e-3)
+
+
+def test_motions_from_rest_arrive():
+    move = Move(np.zeros(3), np.array([0.01, 0.0, 0.0]), 0.3, 0.7)
+    np.testing.assert_array_equal(move.at(0.2).position, 0)
+    np.testing.assert_allclose(move.at(1.1).position, [0.01, 0, 0])
+    screw = Screw(np.zeros(3), 7.0, 0.5, 0.4, 0.0036)
+    assert screw.at(screw.duration).yaw == pytest.approx(7.0)
+    assert screw.at(screw.duration + 1).yaw_rate == 0
+    assert screw.at(99.0).position[2] == pytest.approx(0.0036 * 7.0 / (2 * np.pi))

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from graspforce import _engine
+from graspforce import _engine, scenarios
 from graspforce._arrays import Array
 from graspforce._util.clock import Call, Pair, hot, nothing, paced
-from graspforce.bench import workloads
 from graspforce.bench.measurement import Measurement
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
+from graspforce.scenarios import random
 from graspforce.servo import Servo
 from graspforce.settings import Settings
 from graspforce.solution import Solution
@@ -31,7 +31,7 @@ CONTACTS = (4, 8, 16, 32, 64)
 
 def ticks_and_solves(effort: int) -> Iterator[Measurement]:
     """Time the dynamic task from C++ and from Python, ``effort`` rounds of 500 ticks each."""
-    problems = workloads.dynamic_task()
+    problems = list(scenarios.dynamic().problems())
     task = "tick, the paper's dynamic task"
     cores = {name.rpartition(".")[2]: importlib.import_module(name) for name in _engine.modules}
     for name, module in cores.items():
@@ -51,7 +51,7 @@ def ticks_and_solves(effort: int) -> Iterator[Measurement]:
         yield Measurement(cold, f"dynamic task, C++, {name}", times)
     for name, some in (
         ("dynamic task, solve(problem)", problems),
-        ("random grasps, solve(problem)", workloads.random_grasps(500)),
+        ("random grasps, solve(problem)", random.grasps(500)),
     ):
         calls: list[Pair] = [(nothing, partial(solve, problem)) for problem in some]
         yield Measurement(cold, name, hot(calls, effort))
@@ -61,11 +61,11 @@ def growth(effort: int) -> Iterator[Measurement]:
     """Time grasps of more and more contacts in C++: a tick, and one Newton step."""
     module = _engine.module
     for contacts in CONTACTS:
-        problems = workloads.breathing_grasp(contacts)
+        problems = random.stream(contacts)
         times = _core_times(module, problems, effort)
         yield Measurement("tick by number of contacts, C++", f"{contacts} contacts", times)
     for contacts in CONTACTS:
-        times = _newton_step(workloads.breathing_grasp(contacts, 1)[0], effort)
+        times = _newton_step(random.stream(contacts, 1)[0], effort)
         yield Measurement("one Newton step of a cold solve", f"{contacts} contacts", times)
 
 

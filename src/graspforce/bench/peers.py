@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from graspforce import baselines
+from graspforce import baselines, scenarios
 from graspforce._util.clock import Pair, hot, nothing
-from graspforce.bench import workloads
 from graspforce.bench.measurement import Measurement
 from graspforce.problem import ForceProblem
 from graspforce.solve import solve
@@ -67,7 +66,7 @@ PEERS: dict[str, Callable[[ForceProblem], Solve]] = {
 
 def beside_others(effort: int) -> Iterator[Measurement]:
     """Time graspforce cold and every solver that is installed."""
-    problems = workloads.dynamic_task()[::EVERY]
+    problems = list(scenarios.dynamic().problems())[::EVERY]
     yield Measurement(GROUP, OWN, _times(solve, problems, EVERY * effort))
     for name, prepare in PEERS.items():
         try:
