@@ -1,5 +1,6 @@
 """``compare``: the measures are right, the files hold them, the paper's figures stand beside."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -19,9 +20,13 @@ from graspforce.compare.measure import measure
 
 @pytest.fixture(scope="module")
 def found():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "SLOW", {"dikin": 6, "sdp": 6, "compact_dual": 60})
-        return compare.compare(["dynamic"], ["wbf", "compact_dual", "dikin", "sdp"])
+    """Four methods on the dynamic task, three of them on few of its ticks."""
+    task = compare.task("dynamic")
+    rows = []
+    for name, most in (("wbf", None), ("compact_dual", 60), ("dikin", 6), ("sdp", 6)):
+        method = dataclasses.replace(methods.method(name), most=most)
+        rows.append(measure(method, task, whole=False))
+    return compare.Comparison((task,), tuple(rows))
 
 
 def test_every_method_is_run_or_named_as_missing():
@@ -96,6 +101,25 @@ def test_kept_workspaces_are_warm_and_answer_the_same():
     pivots = found.of("static", "lp")
     assert pivots.warm_iterations[1:].max() == 0
     assert pivots.iterations.min() > 10
+
+
+def test_compare_takes_a_task_of_ones_own():
+    problems = compare.task("static").problems[:2]
+    mine = compare.Task("mine", problems, None)
+    found = compare.compare([mine], ["wbf"])
+    assert found.tasks == (mine,)
+    assert [(row.task, row.of, row.solved) for row in found.rows] == [("mine", 2, 2)]
+
+
+def test_the_warm_wbf_takes_every_field_that_changes():
+    """Limits, alpha and all: what is solved is the problem of the tick."""
+    first = scenarios.get("dynamic").problem(0.0)
+    run = methods.method("wbf").warm()
+    for change in ({"alpha": 2.0}, {"tau_hi": 0.4}, {"tau_bias": 0.01, "models": gf.PCWF(0.7)}):
+        problem = first.replace(**change)
+        solution = run(problem)
+        assert solution.problem == problem
+        np.testing.assert_allclose(solution.c, gf.solve(problem).c, rtol=1e-3, atol=1e-3)
 
 
 def test_a_method_named_twice_runs_once():
@@ -240,7 +264,7 @@ def test_fast_methods_run_once_before_the_run_that_counts():
     row = measure(methods.Method("wbf", solve, None), task, whole=True)
     assert len(solved) == 1 + 2 * len(row.ran)
     solved.clear()
-    row = measure(methods.Method("dikin", solve, None), task, whole=True)
+    row = measure(methods.Method("dikin", solve, None, most=100), task, whole=True)
     assert len(solved) == 1 + len(row.ran)
 
 

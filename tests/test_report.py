@@ -14,24 +14,25 @@ import pytest
 from conftest import as_ordinary_user
 
 import graspforce as gf
-from graspforce import figures, report
+from graspforce import compare, figures, report, scenarios
 from graspforce._util import plot
 from graspforce.compare import methods
-from graspforce.report import page, timing
+from graspforce.report import page
 
 report_compared = report.COMPARED
 COMPARED = ("dynamic",)  # the regrasp takes the slow methods too long for a test
+TICKS = 4
 PHYSICS = ("hold", "circle", "regrasp")
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Return the report's path and what the progress was told; one timing pass will do."""
+    """Return the report's path and what the progress was told; the methods run a few ticks."""
     told = []
+    whole = compare.task("dynamic")
+    few = compare.Task(whole.name, whole.problems[:TICKS], whole.t[:TICKS])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(timing, "PASSES", 1)
-        patch.setattr(methods, "SLOW", dict.fromkeys(methods.NAMES, 2))
-        patch.setattr(report, "COMPARED", COMPARED)
+        patch.setattr(report, "COMPARED", (few,))
         out = tmp_path_factory.mktemp("reproduce") / "not" / "there"
         path = report.reproduce(out, lambda *step: told.append(step))
     return path, told
@@ -208,7 +209,7 @@ def test_progress_goes_up_stage_by_stage(made):
 @pytest.mark.parametrize("where", ["taken", "taken/below"])
 def test_a_file_in_the_way_is_refused_before_any_work(tmp_path, monkeypatch, where):
     (tmp_path / "taken").write_text("mine")
-    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    monkeypatch.setattr(scenarios, "run", lambda *_, **__: pytest.fail("worked before it looked"))
     with pytest.raises(gf.InvalidInputError, match=r"out: got .*taken.* expected a folder"):
         report.reproduce(tmp_path / where)
     assert (tmp_path / "taken").read_text() == "mine"
@@ -217,13 +218,13 @@ def test_a_file_in_the_way_is_refused_before_any_work(tmp_path, monkeypatch, whe
 @pytest.mark.parametrize("name", ["results.json", "report.html"])
 def test_a_folder_in_the_place_of_a_file_is_refused_before_any_work(tmp_path, monkeypatch, name):
     (tmp_path / name).mkdir()
-    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    monkeypatch.setattr(scenarios, "run", lambda *_, **__: pytest.fail("worked before it looked"))
     with pytest.raises(gf.InvalidInputError, match=f"{name}: got a directory, expected a file"):
         report.reproduce(tmp_path)
 
 
 def test_a_read_only_folder_is_refused(sealed_folder, monkeypatch):
-    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    monkeypatch.setattr(scenarios, "run", lambda *_, **__: pytest.fail("worked before it looked"))
     refused = r"expected a folder to write into \(Permission"
     plot.new_figure()  # these import what a report is made with
     page.template()
@@ -237,7 +238,7 @@ def test_a_read_only_folder_is_refused(sealed_folder, monkeypatch):
 )
 def test_a_missing_extra_is_named_before_any_work(tmp_path, monkeypatch, module, package):
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    monkeypatch.setattr(scenarios, "run", lambda *_, **__: pytest.fail("worked before it looked"))
     with pytest.raises(gf.MissingExtraError, match=rf"pip install .*'{package}>="):
         report.reproduce(tmp_path / "results")
     assert not (tmp_path / "results").exists()

@@ -366,7 +366,9 @@ def test_a_narrow_terminal_loses_no_heading(short, capsys, monkeypatch):
     monkeypatch.setattr(terminal, "stdout_console", lambda: console)
     long = dataclasses.replace(trial, name="cylinder, little finger down")
     slid = dataclasses.replace(log, slip=np.full_like(log.slip, 2e-3))
-    simulate_command._report_trials([(long, slid)])
+    monkeypatch.setattr(sim, "get", lambda *_, **__: (long,))
+    monkeypatch.setattr(sim, "run", lambda *_: slid)
+    simulate_command.simulate("hold")
     printed = capsys.readouterr().out
     assert "…" not in printed
     for words in ("position", "rotation", "regrasps", "held, but slipped", "2.000"):
@@ -421,12 +423,27 @@ def test_rotation_vector_is_axis_times_angle():
         np.testing.assert_allclose(rotation_vector(R), vector, atol=1e-9)
 
 
-def test_settings_of_the_command_are_numbers_where_they_can_be():
-    assert simulate_command._setting("alpha=5") == ("alpha", 5)
-    assert simulate_command._setting("alpha=.5") == ("alpha", 0.5)
-    assert simulate_command._setting("feed_forward=false") == ("feed_forward", False)
-    assert simulate_command._setting("shape=box") == ("shape", "box")
-    assert simulate_command._setting("a=b=c") == ("a", "b=c")
+@pytest.mark.parametrize(
+    ("given", "name", "value"),
+    [
+        ("alpha=5", "alpha", 5),
+        ("alpha=.5", "alpha", 0.5),
+        ("feed_forward=false", "feed_forward", False),
+        ("shape=box", "shape", "box"),
+        ("a=b=c", "a", "b=c"),
+    ],
+)
+def test_simulate_takes_settings_as_numbers_where_they_can_be(monkeypatch, given, name, value):
+    taken = {}
+
+    def get(_, **options):
+        taken.update(options)
+        raise gf.InvalidInputError("no scene")
+
+    monkeypatch.setattr(sim, "get", get)
+    assert simulate("hold", "--set", given).exit_code == 2
+    assert taken == {name: value}
+    assert type(taken[name]) is type(value)
 
 
 def test_the_snippet_of_the_docs_runs(tmp_path, monkeypatch, capsys, opengl):

@@ -45,16 +45,13 @@ class Method:
         cold: solves a problem from scratch.
         warm: makes a function that solves a stream of problems, each from the one before or in
             the workspace kept from it; None for a method that cannot.
+        most: how many problems of a task are enough for it; None for all.
     """
 
     name: str
     cold: Callable[[ForceProblem], Solution]
     warm: Callable[[], Callable[[ForceProblem], Solution]] | None
-
-    @property
-    def most(self) -> int | None:
-        """How many problems of a task are enough for it; None for all."""
-        return SLOW.get(self.name)
+    most: int | None = None
 
 
 def method(name: str) -> Method:
@@ -69,11 +66,11 @@ def method(name: str) -> Method:
         raise InvalidInputError(f"methods: got {name!r}, expected one of {', '.join(NAMES)}")
     base, options = VARIANTS.get(name, (name, {}))
     module = importlib.import_module(METHODS[base])
-    cold = partial(module.solve, **options)
+    cold, most = partial(module.solve, **options), SLOW.get(name)
     if hasattr(module, "Prepared"):
-        return Method(name, cold, lambda: _Update(partial(module.Prepared, **options)))
+        return Method(name, cold, lambda: _Update(partial(module.Prepared, **options)), most)
     restarts = "start" in inspect.signature(module.solve).parameters
-    return Method(name, cold, (lambda: _Restart(cold)) if restarts else None)
+    return Method(name, cold, (lambda: _Restart(cold)) if restarts else None, most)
 
 
 def chosen(names: Sequence[str] | None) -> list[Method]:
