@@ -744,3 +744,13 @@ def test_files_docs_name_every_key_and_field(tmp_path, results):
     keys |= {*npz_grasps.KEYS, *fields, *written}
     missing = {key for key in keys if f"`{key}" not in text}
     assert not missing
+
+
+def test_files_replacing_is_an_alias_that_warns(tmp_path):
+    with pytest.warns(DeprecationWarning, match="replacing is now graspforce.files.atomic_write"):
+        replacing = files.replacing
+    with replacing(tmp_path / "out.txt") as temporary:
+        temporary.write_text("whole")
+    assert (tmp_path / "out.txt").read_text() == "whole"
+    with pytest.raises(AttributeError, match="has no attribute 'other'"):
+        files.other  # noqa: B018

@@ -20,13 +20,13 @@ import pytest
 import graspforce as gf
 from graspforce import files, scenarios
 from graspforce._util import atomic
-from graspforce._util.atomic import check_writable, make_folder, replacing
+from graspforce._util.atomic import atomic_write, check_writable, make_folder
 
 OLD, NEW = "what was there\n", "what is written\n"
 
 
 def write(path, text=NEW):
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text)
 
 
@@ -134,7 +134,7 @@ def test_a_name_that_is_too_long_is_refused(tmp_path):
 
 def test_the_temporary_name_is_unforeseeable_and_its_folder_private(tmp_path):
     (tmp_path / "a.txt").write_text(OLD)
-    with replacing(tmp_path / "a.txt") as one, replacing(tmp_path / "a.txt") as other:
+    with atomic_write(tmp_path / "a.txt") as one, atomic_write(tmp_path / "a.txt") as other:
         assert one.parent != other.parent
         assert mode(one.parent) == 0o700
         assert one.parent.parent == tmp_path  # a rename within one file system
@@ -170,7 +170,7 @@ def test_a_block_that_fails_leaves_all_as_it_was(tmp_path, raised):
     (tmp_path / "old.txt").write_text(OLD)
 
     def fail(path):
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             temporary.write_text("half of wh")
             raise raised
 
@@ -195,7 +195,10 @@ def test_an_error_names_the_file_and_not_the_temporary_one(tmp_path):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     path = tmp_path / "old.txt"
-    with pytest.raises(OSError, match="cannot write it: No space left") as caught, replacing(path):
+    with (
+        pytest.raises(OSError, match="cannot write it: No space left") as caught,
+        atomic_write(path),
+    ):
         full()
     assert caught.value.filename == str(path)
     assert caught.value.errno == errno.ENOSPC
@@ -209,7 +212,7 @@ def test_a_link_stays_one_and_its_target_is_replaced(tmp_path):
     (tmp_path / "there" / "real.dat").write_text(OLD)
     (tmp_path / "link.txt").symlink_to("there/real.dat")
     (tmp_path / "second.txt").symlink_to("link.txt")
-    with replacing(tmp_path / "second.txt") as temporary:
+    with atomic_write(tmp_path / "second.txt") as temporary:
         assert temporary.suffix == ".txt"  # the format is that of the name that was given
         temporary.write_text(NEW)
     assert (tmp_path / "second.txt").readlink() == Path("link.txt")
@@ -492,8 +495,8 @@ def test_a_current_directory_that_is_gone(tmp_path):
         "import os, sys; from graspforce._util.atomic import *\n"
         "os.chdir(sys.argv[1]); os.rmdir(sys.argv[1])\n"
         "check_writable(sys.argv[2])\n"
-        "with replacing(sys.argv[2]) as path: path.write_text('new')\n"
-        "for act in (check_writable, lambda path: replacing(path).__enter__()):\n"
+        "with atomic_write(sys.argv[2]) as path: path.write_text('new')\n"
+        "for act in (check_writable, lambda path: atomic_write(path).__enter__()):\n"
         "    try: act('here.txt')\n"
         "    except (OSError, InvalidInputError) as error: print(error)\n"
     )
@@ -508,9 +511,9 @@ def test_a_signal_ends_a_command_without_a_trace(tmp_path, name):
     (tmp_path / "old.txt").write_text(OLD)
     code = (
         "import sys, time\n"
-        "from graspforce._util.atomic import replacing\n"
+        "from graspforce._util.atomic import atomic_write\n"
         "from graspforce.cli.process import as_command\n"
-        "with as_command(), replacing(sys.argv[1]) as path:\n"
+        "with as_command(), atomic_write(sys.argv[1]) as path:\n"
         "    path.write_text('half of wh'); print('writing', flush=True); time.sleep(60)\n"
     )
     running = process(code, tmp_path / "old.txt")

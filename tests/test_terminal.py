@@ -278,9 +278,9 @@ def test_what_is_printed_by_others_stays_out_of_a_file(tmp_path):
     """The file that is opened first must not get the number of the closed standard output."""
     code = (
         "import os, sys\n"
-        "from graspforce._util.atomic import replacing\n"
+        "from graspforce._util.atomic import atomic_write\n"
         "from graspforce.cli.process import as_command\n"
-        "with as_command(), replacing('out.txt') as path, path.open('w') as file:\n"
+        "with as_command(), atomic_write('out.txt') as path, path.open('w') as file:\n"
         "    file.write('mine')\n"
         "    for fd in (1, 2):\n"
         "        try: os.write(fd, b'printed')\n"

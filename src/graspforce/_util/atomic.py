@@ -1,8 +1,8 @@
 """Write a file as a whole or not at all, and nothing but files.
 
-:func:`replacing` is how every file of the package is written. A regular file is written anew in a
-private folder beside it and takes its place with one rename, so nobody ever sees half of it, and
-whatever goes wrong before leaves the old one as it was. Pipes, terminals and other character
+:func:`atomic_write` is how every file of the package is written. The new content goes to a private
+folder beside the file and takes its place with one rename, so nobody reads half of it, and an error
+before the rename leaves the old content. Pipes, terminals and other character
 devices are never replaced: they get the finished bytes as a stream.
 
 The other functions find out before any long work whether that will do.
@@ -31,7 +31,7 @@ _PREFIX = ".graspforce-"
 
 
 @contextmanager
-def replacing(path: str | Path) -> Generator[Path]:
+def atomic_write(path: str | Path) -> Generator[Path]:
     """Give a temporary path to write to, whose content goes to ``path`` at a clean end.
 
     When the block raises, whatever ``path`` held is still there and the temporary file is gone. A
@@ -66,7 +66,7 @@ def replacing(path: str | Path) -> Generator[Path]:
 
 
 def check_writable(path: str | Path) -> None:
-    """Confirm, before any long work, that :func:`replacing` can write to ``path``.
+    """Confirm, before any long work, that :func:`atomic_write` can write to ``path``.
 
     Raises:
         InvalidInputError: it cannot: a directory, a socket, a block device, a file or folder that

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce._util.atomic import replacing
+from graspforce._util.atomic import atomic_write
 from graspforce._util.environment import describe_machine
 from graspforce.errors import InvalidInputError
 
@@ -80,7 +80,7 @@ class Run:
             "date": self.date,
             "rows": [vars(row) for row in self.rows],
         }
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
             temporary.write_text(text, encoding="utf-8")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from graspforce._util import plot
-from graspforce._util.atomic import replacing
+from graspforce._util.atomic import atomic_write
 from graspforce.bench import peers
 from graspforce.bench.measurement import Run
 
@@ -55,5 +55,5 @@ def draw(run: Run, path: Path) -> None:
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
     kind: Any = path.suffix[1:].lower()
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(plot.render(figure, kind))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce._util.atomic import check_output, replacing
+from graspforce._util.atomic import atomic_write, check_output
 from graspforce.columns import Columns, stacked
 from graspforce.solution import Solution
 
@@ -44,7 +44,7 @@ def write(path: str | Path, results: Sequence[tuple[str, Solution]]) -> None:
     """
     check_output(path)
     table = _Table(results)
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         _WRITERS[Path(path).suffix.lower()](temporary, table)
 
 

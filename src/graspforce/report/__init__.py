@@ -23,7 +23,7 @@ import numpy as np
 
 from graspforce import compare, scenarios
 from graspforce._util import plot
-from graspforce._util.atomic import check_writable, make_folder, replacing
+from graspforce._util.atomic import atomic_write, check_writable, make_folder
 from graspforce._util.environment import describe_run
 from graspforce.compare import output
 from graspforce.figures import FIGURES, PaperFigure, grasp_picture
@@ -199,7 +199,7 @@ def _json(results: dict[str, Any]) -> str:
 
 
 def _write(path: Path, content: bytes) -> bytes:
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(content)
     return content
 

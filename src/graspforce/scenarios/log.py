@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array, came, require_instance
-from graspforce._util.atomic import replacing
+from graspforce._util.atomic import atomic_write
 from graspforce.columns import Columns
 from graspforce.contact import ContactModel
 from graspforce.errors import InvalidInputError
@@ -92,7 +92,7 @@ class Log:
         """
         columns = self.table()
         with (
-            replacing(path) as temporary,
+            atomic_write(path) as temporary,
             temporary.open("w", newline="", encoding="utf-8") as file,
         ):
             writer = csv.writer(file)

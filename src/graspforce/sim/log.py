@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
-from graspforce._util.atomic import check_output, replacing
+from graspforce._util.atomic import atomic_write, check_output
 from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.outcome import Status
 
@@ -172,7 +172,7 @@ class Log:
         path = Path(path)
         check_log_file(path)
         suffix = path.suffix.lower()
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             if suffix == ".npz":
                 arrays = {name: getattr(self, name) for name in (*_PER_TICK, "tau_max")}
                 words: dict[str, Any] = {"ending": self.ending.name, "message": self.message}
