@@ -23,8 +23,8 @@ def found():
     """Four methods on the dynamic task, three of them on few of its ticks."""
     task = compare.task("dynamic")
     rows = []
-    for name, most in (("wbf", None), ("compact_dual", 60), ("dikin", 6), ("sdp", 6)):
-        method = dataclasses.replace(methods.method(name), most=most)
+    for name, limit in (("wbf", None), ("compact_dual", 60), ("dikin", 6), ("sdp", 6)):
+        method = dataclasses.replace(methods.method(name), max_problems=limit)
         rows.append(measure(method, task, whole=False))
     return compare.Comparison((task,), tuple(rows))
 
@@ -33,7 +33,7 @@ def test_every_method_is_run_or_named_as_missing():
     assert compare.NAMES[0] == "wbf"
     others = {f"socp_norm_{solver}" for solver in ("qoco", "scs", "ecos", "moreau")}
     assert set(compare.NAMES) == {"wbf", "socp_norm", *others, *baselines.METHODS}
-    assert [each.name for each in methods.chosen(None)] == list(compare.NAMES)
+    assert [each.name for each in methods.select(None)] == list(compare.NAMES)
 
 
 def test_measures_are_those_of_the_solutions(found):
@@ -79,8 +79,8 @@ def test_slow_methods_run_pairs_of_ticks(found):
     away = np.array([not problem.active[0] for problem in regrasp.problems])
     changes = np.flatnonzero(np.diff(away))
     assert len(changes) == 2
-    assert set(changes) | set(changes + 1) <= set(regrasp.some(2).tolist())
-    assert len(regrasp.some(None)) == 500
+    assert set(changes) | set(changes + 1) <= set(regrasp.subset(2).tolist())
+    assert len(regrasp.subset(None)) == 500
 
 
 def test_warm_ticks_take_one_step(found):
@@ -123,7 +123,7 @@ def test_the_warm_wbf_takes_every_field_that_changes():
 
 
 def test_a_method_named_twice_runs_once():
-    assert [each.name for each in methods.chosen(["lp", "wbf", "lp"])] == ["lp", "wbf"]
+    assert [each.name for each in methods.select(["lp", "wbf", "lp"])] == ["lp", "wbf"]
 
 
 def test_every_solver_of_the_norm_is_compared():
@@ -150,7 +150,7 @@ def test_the_regrasp_runs_under_every_method():
     around = [124, 125, 126, 375, 376, 377]
     task = compare.Task("regrasp", tuple(whole.problems[i] for i in around), whole.t[around])
     jumps = {}
-    for method in methods.chosen(None):
+    for method in methods.select(None):
         row = measure(method, task, whole=method.name != "gradient_flow")
         if row.missing is not None:
             assert method.name in ("socp_norm_ecos", "socp_norm_moreau")
@@ -264,7 +264,7 @@ def test_fast_methods_run_once_before_the_run_that_counts():
     row = measure(methods.Method("wbf", solve, None), task, whole=True)
     assert len(solved) == 1 + 2 * len(row.ran)
     solved.clear()
-    row = measure(methods.Method("dikin", solve, None, most=100), task, whole=True)
+    row = measure(methods.Method("dikin", solve, None, max_problems=100), task, whole=True)
     assert len(solved) == 1 + len(row.ran)
 
 

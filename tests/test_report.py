@@ -262,5 +262,7 @@ def test_typeset_sets_indices_and_escapes_the_rest():
 
 
 def test_numbers_that_json_lacks_become_null():
-    text = report._json(report._plain({"a": np.array([1.0, np.inf, np.nan]), "b": np.int64(3)}))
+    text = report.json_text(
+        report.json_types({"a": np.array([1.0, np.inf, np.nan]), "b": np.int64(3)})
+    )
     assert json.loads(text) == {"a": [1.0, None, None], "b": 3}

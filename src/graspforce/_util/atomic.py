@@ -2,8 +2,8 @@
 
 :func:`atomic_write` is how every file of the package is written. The new content goes to a private
 folder beside the file and takes its place with one rename, so nobody reads half of it, and an error
-before the rename leaves the old content. Pipes, terminals and other character
-devices are never replaced: they get the finished bytes as a stream.
+before the rename leaves the old content. Pipes, terminals and other character devices are never
+replaced: they get the finished bytes as a stream.
 
 The other functions find out before any long work whether that will do.
 """

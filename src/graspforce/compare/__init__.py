@@ -23,7 +23,7 @@ import numpy as np
 from graspforce._util.claim import Claim
 from graspforce.compare import flops
 from graspforce.compare.measure import Measured, measure
-from graspforce.compare.methods import NAMES, WBF, chosen
+from graspforce.compare.methods import NAMES, WBF, select
 from graspforce.compare.tasks import Task, task
 from graspforce.problem import ForceProblem
 from graspforce.scenarios import NAMES as SCENARIOS
@@ -161,14 +161,14 @@ def compare(
     Raises:
         InvalidInputError: an unknown task, method or file.
     """
-    those = chosen(methods)
+    selected = select(methods)
     todo = tuple(each if isinstance(each, Task) else task(each) for each in tasks)
     rows: list[Measured] = []
     for each in todo:
-        for done, method in enumerate(those, 1):
+        for done, method in enumerate(selected, 1):
             rows.append(measure(method, each, whole))
             if progress is not None:
-                progress(each.name, done, len(those))
+                progress(each.name, done, len(selected))
     return Comparison(todo, tuple(rows))
 
 

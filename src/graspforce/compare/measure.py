@@ -115,18 +115,18 @@ def measure(method: Method, task: Task, whole: bool) -> Measured:
     try:
         method.cold(first)
     except MissingExtraError as error:
-        return _nothing(method, task, str(error))
-    ran = task.some(None if whole else method.most)
+        return _not_installed(method, task, str(error))
+    ran = task.subset(None if whole else method.max_problems)
     problems = [task.problems[int(i)] for i in ran]
 
-    fast = method.most is None
+    fast = method.max_problems is None
     cold_us, cold = _timed(lambda: method.cold, problems, warm_up=fast)
     warm_us = warm = None
     if method.warm is not None and task.t is not None:
         warm_us, warm = _timed(method.warm, problems, warm_up=fast)
     ends: list[Status] = cold.rows("status")
     if warm is not None:
-        ends = [max(pair, key=_badness) for pair in zip(ends, warm.rows("status"), strict=True)]
+        ends = [max(pair, key=_severity) for pair in zip(ends, warm.rows("status"), strict=True)]
     columns = cold if warm is None else warm
     solved = columns.solved
     forces = _normal_forces(columns)
@@ -151,7 +151,7 @@ def measure(method: Method, task: Task, whole: bool) -> Measured:
     )
 
 
-def _nothing(method: Method, task: Task, missing: str) -> Measured:
+def _not_installed(method: Method, task: Task, missing: str) -> Measured:
     none = np.zeros(0, dtype=np.int64)
     return Measured(
         method=method.name,
@@ -203,7 +203,7 @@ def _timed(
     return times, Columns(found)
 
 
-def _badness(status: Status) -> int:
+def _severity(status: Status) -> int:
     """SOLVED, no best answer, no answer, no verdict."""
     return _VERDICTS.index(status) if status in _VERDICTS else len(_VERDICTS)
 

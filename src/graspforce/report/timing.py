@@ -27,20 +27,20 @@ PASSES = 10
 
 
 def measure_times(
-    dynamic: Log, regrasp: Log, tell: Callable[[str, int, int], None]
+    dynamic: Log, regrasp: Log, progress: Callable[[str, int, int], None]
 ) -> dict[str, Any]:
     """Return mean and percentiles of ticks and cold solves of two scenarios [µs].
 
     Args:
         dynamic: log of the scenario with four fingers throughout.
         regrasp: log of the scenario in which one of them is away for a while.
-        tell: called with the stage, how much of it is done and its total.
+        progress: called with the stage, how much of it is done and its total.
     """
     problems = list(dynamic.scenario.problems())
     away = is_removed(regrasp.engagement).any(axis=1)
     whole = (regrasp.engagement == 1).all(axis=1)
-    ticks = _tick_times(problems, "timing four fingers", tell)
-    changing = _tick_times(list(regrasp.scenario.problems()), "timing the regrasp", tell)
+    ticks = _tick_times(problems, "timing four fingers", progress)
+    changing = _tick_times(list(regrasp.scenario.problems()), "timing the regrasp", progress)
     solves: list[Pair] = [(nothing, _reading(partial(solve, problem))) for problem in problems]
     cold = hot(solves, rounds=1, warm_up=False)
     return {
@@ -53,14 +53,14 @@ def measure_times(
 
 
 def _tick_times(
-    problems: list[ForceProblem], stage: str, tell: Callable[[str, int, int], None]
+    problems: list[ForceProblem], stage: str, progress: Callable[[str, int, int], None]
 ) -> Array:
     """Return the time of every tick, ``servo.step`` and the reading of c; (passes, T) [µs]."""
     times = np.empty((PASSES, len(problems)))
     for index in range(PASSES):
         ticks = [(before, _reading(step)) for before, step in steps(problems)]  # of a new Servo
         times[index] = hot(ticks, rounds=1, warm_up=False)
-        tell(stage, index + 1, PASSES)
+        progress(stage, index + 1, PASSES)
     return times
 
 
