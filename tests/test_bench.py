@@ -16,7 +16,7 @@ from graspforce.scenarios import random
 
 @pytest.fixture(scope="module")
 def run():
-    return bench.Run.of([*own.ticks_and_solves(1), *own.growth(1), *peers.beside_others(1)])
+    return bench.Run.of([*own.ticks_and_solves(1), *own.growth(1), *peers.peer_times(1)])
 
 
 def test_a_run_times_what_it_promises(run):

@@ -48,7 +48,7 @@ def umask():
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """No test waits that long, and none fails on a slow machine."""
-    monkeypatch.setattr(atomic, "_PATIENCE", 600)
+    monkeypatch.setattr(atomic, "READER_TIMEOUT", 600)
 
 
 # ---- regular files -----------------------------------------------------------------------------
@@ -291,7 +291,7 @@ def test_a_pipe_waits_for_a_reader_that_is_about_to_come(tmp_path, monkeypatch):
 
 
 def test_a_pipe_that_nobody_reads_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(atomic, "_PATIENCE", 0)
+    monkeypatch.setattr(atomic, "READER_TIMEOUT", 0)
     os.mkfifo(tmp_path / "fifo.txt")
     with pytest.raises(OSError, match="cannot write it: no process reads this pipe"):
         write(tmp_path / "fifo.txt")

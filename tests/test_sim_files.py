@@ -81,7 +81,7 @@ def test_an_ending_in_capitals_is_the_same_format(short, tmp_path):
 @pytest.mark.parametrize("ending", [".npz", ".parquet", ".csv"])
 def test_a_log_goes_into_a_pipe(short, tmp_path, ending, monkeypatch):
     pytest.importorskip("pyarrow")
-    monkeypatch.setattr(atomic, "_PATIENCE", 600)  # for cat to be started
+    monkeypatch.setattr(atomic, "READER_TIMEOUT", 600)  # for cat to be started
     _, log = short
     fifo = tmp_path / f"fifo{ending}"
     os.mkfifo(fifo)

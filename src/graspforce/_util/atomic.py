@@ -23,9 +23,9 @@ from tempfile import TemporaryDirectory
 
 from graspforce.errors import InvalidInputError
 
-# How long to wait for a reader of a pipe: one that was started beside this process may be about to
-# open it, and a pipe without any must not block for ever.
-_PATIENCE = 5.0  # [s]
+# How long to wait for a reader of a pipe, which may have been started at the same time; without a
+# limit a pipe that nobody reads would block for ever.
+READER_TIMEOUT = 5.0  # [s]
 
 _PREFIX = ".graspforce-"
 
@@ -226,7 +226,7 @@ def _open_stream(path: Path) -> int:
         return os.dup(own)  # shares the place in the file with whoever else writes to it
     if not path.is_fifo():
         return os.open(path, os.O_WRONLY)
-    end = time.monotonic() + _PATIENCE
+    end = time.monotonic() + READER_TIMEOUT
     while True:
         try:
             descriptor = os.open(path, os.O_WRONLY | os.O_NONBLOCK)

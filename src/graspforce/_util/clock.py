@@ -19,8 +19,8 @@ Pair = tuple[Call, Call]  # what comes before and is not timed, and what is
 _now = time.perf_counter_ns
 
 
-def nothing() -> None:
-    """Do nothing: what may come before a call."""
+def no_op() -> None:
+    """Do nothing: for a call that needs nothing before it."""
 
 
 def hot(pairs: Sequence[Pair], rounds: int, warm_up: bool = True) -> Array:
@@ -45,8 +45,7 @@ def hot(pairs: Sequence[Pair], rounds: int, warm_up: bool = True) -> Array:
 def paced(pairs: Sequence[Pair], rate: float, ticks: int) -> Array:
     """Return the times of calls that come at a rate [1/s], as in a control loop [µs].
 
-    The processor does something else in between (it waits), so caches and clock are as a
-    controller finds them.
+    The processor waits in between, so its caches and its frequency are those of a control loop.
     """
     times = np.empty(ticks)
     period = 1e9 / rate

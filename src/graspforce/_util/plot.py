@@ -46,7 +46,7 @@ def new_figure(height: float = _HEIGHT, width: float = _WIDTH) -> Figure:
     return figure
 
 
-def dress(axes: Axes, x_label: str, y_label: str) -> None:
+def style_axes(axes: Axes, x_label: str, y_label: str) -> None:
     """Label the axes and take away what carries no information."""
     axes.set_xlabel(x_label, color=INK)
     axes.set_ylabel(y_label, color=INK)

@@ -95,7 +95,7 @@ class Run:
             content = json.loads(path.read_text(encoding="utf-8"))
             rows = tuple(Row(**row) for row in content["rows"])
             if not all(row.p50 > 0 for row in rows):
-                raise ValueError("a time that is none")
+                raise ValueError("a time that is not positive")
             return cls(rows, content["machine"], content["date"])
         except OSError as error:
             raise InvalidInputError(f"{path}: cannot read it: {error.strerror}") from error

@@ -15,7 +15,7 @@ import numpy as np
 
 from graspforce import _engine, scenarios
 from graspforce._arrays import Array
-from graspforce._util.clock import Call, Pair, hot, nothing, paced
+from graspforce._util.clock import Call, Pair, hot, no_op, paced
 from graspforce.bench.measurement import Measurement
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
@@ -42,7 +42,7 @@ def ticks_and_solves(effort: int) -> Iterator[Measurement]:
     yield Measurement(task, "servo.step(f=, W=, J=)", hot(passed, effort))
     at_rate = f"tick, paced at {RATE:.0f} Hz"
     count = 100 * effort
-    yield Measurement(at_rate, "an empty call", paced([(nothing, nothing)], RATE, count))
+    yield Measurement(at_rate, "an empty call", paced([(no_op, no_op)], RATE, count))
     yield Measurement(at_rate, "servo.tick(), its arrays written before", paced(bound, RATE, count))
     yield Measurement(at_rate, "servo.step(f=, W=, J=)", paced(passed, RATE, count))
     cold = "cold solve"
@@ -53,7 +53,7 @@ def ticks_and_solves(effort: int) -> Iterator[Measurement]:
         ("dynamic task, solve(problem)", problems),
         ("random grasps, solve(problem)", random.grasps(500)),
     ):
-        calls: list[Pair] = [(nothing, partial(solve, problem)) for problem in some]
+        calls: list[Pair] = [(no_op, partial(solve, problem)) for problem in some]
         yield Measurement(cold, name, hot(calls, effort))
 
 
@@ -95,7 +95,7 @@ def steps(problems: list[ForceProblem]) -> list[tuple[Call, Callable[[], Solutio
     def step(changes: dict[str, Any]) -> Callable[[], Solution]:
         return lambda: servo.step(**changes)
 
-    return [(nothing, step({name: np.array(getattr(p, name)) for name in names})) for p in problems]
+    return [(no_op, step({name: np.array(getattr(p, name)) for name in names})) for p in problems]
 
 
 def changing_fields(problems: list[ForceProblem]) -> list[str]:
@@ -120,7 +120,7 @@ def written_ticks(problems: list[ForceProblem]) -> list[Pair]:
         write(new_f, new_W, new_J)
         servo.tick()
 
-    return [(nothing, partial(tick, p.f, p.W, p.J)) for p in problems]
+    return [(no_op, partial(tick, p.f, p.W, p.J)) for p in problems]
 
 
 def _writer(servo: Servo, problems: list[ForceProblem]) -> Callable[[Array, Array, Array], None]:
@@ -149,7 +149,7 @@ def _core_times(
 
 
 def _newton_step(problem: ForceProblem, rounds: int) -> Array:
-    """Time a step by what each step more of a budget adds to a cold solve with far to go."""
+    """Time a step: the difference of cold solves under two step limits, by the steps between."""
     far = problem.replace(alpha=1000.0)
     most = solve(far).newton_steps - 1
     stream = np.stack([far.packed] * 20)

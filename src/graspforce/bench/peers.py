@@ -1,6 +1,6 @@
-"""Times of the solvers that users would pick instead, on the same problems in the same run.
+"""Times of other solvers on the same problems in the same run.
 
-Each keeps its workspace and takes the new numbers of every problem, as a control loop would.
+Each keeps its workspace and takes the new numbers of every problem, as in a control loop.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from graspforce import baselines, scenarios
-from graspforce._util.clock import Pair, hot, nothing
+from graspforce._util.clock import Pair, hot, no_op
 from graspforce.bench.measurement import Measurement
 from graspforce.problem import ForceProblem
 from graspforce.solve import solve
@@ -64,7 +64,7 @@ PEERS: dict[str, Callable[[ForceProblem], Solve]] = {
 }
 
 
-def beside_others(effort: int) -> Iterator[Measurement]:
+def peer_times(effort: int) -> Iterator[Measurement]:
     """Time graspforce cold and every solver that is installed."""
     problems = list(scenarios.dynamic().problems())[::EVERY]
     yield Measurement(GROUP, OWN, _times(solve, problems, EVERY * effort))
@@ -77,5 +77,5 @@ def beside_others(effort: int) -> Iterator[Measurement]:
 
 
 def _times(solve_next: Solve, problems: list[ForceProblem], rounds: int) -> np.ndarray:
-    calls: list[Pair] = [(nothing, partial(solve_next, problem)) for problem in problems]
+    calls: list[Pair] = [(no_op, partial(solve_next, problem)) for problem in problems]
     return hot(calls, rounds)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Where a part of the ticks was run, a line between them would invent the rest.
+# Where only a part of the ticks was run, a line would show values of ticks that were not.
 _DOTS: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 4}
 
 
@@ -33,7 +33,7 @@ def draw_forces(found: Comparison, task: str) -> Figure:
     figure = plot.new_figure(height=1.6 * max(1, len(rows)) + 0.6)
     panels: Any = figure.subplots(max(1, len(rows)), 1, sharex=True, squeeze=False)
     for axes, row in zip(panels[:, 0], rows, strict=True):
-        plot.dress(axes, "", "normal force [N]")
+        plot.style_axes(axes, "", "normal force [N]")
         _fingers(axes, row, chosen.t)
         jump = "" if row.largest_jump is None else f": largest jump {row.largest_jump:.3g} N"
         axes.set_title(f"{row.method}{jump}", loc="left", fontsize="medium", color=plot.INK)
@@ -64,7 +64,7 @@ def draw_times(found: Comparison, task: str) -> Figure:
     rows = [row for row in found.rows if row.task == task and len(row.ran)]
     figure = plot.new_figure(height=0.42 * len(rows) + 1.2)
     axes = figure.add_subplot()
-    plot.dress(axes, "median time of a solve [µs]", "")
+    plot.style_axes(axes, "median time of a solve [µs]", "")
     axes.set_xscale("log")
     axes.margins(x=0.05)
     place = np.arange(len(rows))[::-1]

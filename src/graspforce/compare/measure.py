@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
-from graspforce._util.clock import hot, nothing
+from graspforce._util.clock import hot, no_op
 from graspforce.columns import Columns
 from graspforce.compare import flops
 from graspforce.compare.methods import Method
@@ -46,8 +46,8 @@ class Measured:
             no two neighbours were solved.
         normal_forces: shape (R, n), NaN where not solved; None where n varies [N].
         statuses: how many problems ended how, by the name of the status. Where a problem ends
-            otherwise warm than from scratch the worse counts: a failure before no answer, no
-            answer before SOLVED.
+            differently warm and from scratch the worse counts: a failure is worse than no
+            answer, no answer worse than SOLVED.
     """
 
     method: str
@@ -103,8 +103,8 @@ _VERDICTS = (Status.SOLVED, Status.UNBOUNDED, *_NO_ANSWER)
 def measure(method: Method, task: Task, whole: bool) -> Measured:
     """Run a method on a task, after one run of the first problem that does not count.
 
-    The ticks of a fast method take less than fetching their problems from memory, so it runs each
-    pass twice, and the second one counts.
+    A tick of a fast method takes less time than loading its problem from memory, so each pass runs
+    twice and the second one counts.
 
     Args:
         method: what to run.
@@ -197,14 +197,14 @@ def _timed(
         _ = solution.c
         found.append(solution)
 
-    before = [begin] + [nothing] * (len(problems) - 1)
+    before = [begin] + [no_op] * (len(problems) - 1)
     calls = [partial(run, problem) for problem in problems]
     times = hot(list(zip(before, calls, strict=True)), rounds=1, warm_up=warm_up)
     return times, Columns(found)
 
 
 def _severity(status: Status) -> int:
-    """SOLVED, no best answer, no answer, no verdict."""
+    """Rank a status: SOLVED, no best answer, no answer, no verdict."""
     return _VERDICTS.index(status) if status in _VERDICTS else len(_VERDICTS)
 
 

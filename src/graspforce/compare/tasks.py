@@ -24,7 +24,7 @@ class Task:
     Attributes:
         name: of the scenario or the file.
         problems: T of them.
-        t: when each tick is, shape (T,) [s]; None for a file, whose grasps follow in no time.
+        t: when each tick is, shape (T,) [s]; None for the grasps of a file.
     """
 
     name: str

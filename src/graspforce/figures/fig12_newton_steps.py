@@ -86,11 +86,11 @@ def draw(shown: Data) -> Figure:
     """Draw the figure: w_1 above, iterations below, one time axis."""
     figure = plot.new_figure(height=4.3)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.6))
-    plot.dress(above, "", "w₁")
+    plot.style_axes(above, "", "w₁")
     style.plot_line(above, shown.t, shown.engagement, plot.FINGERS[0])
     above.set_ylim(-0.08, 1.12)
     style.set_ticks(above, (0, 0.5, 1))
-    plot.dress(below, "time [s]", "Newton iterations")
+    plot.style_axes(below, "time [s]", "Newton iterations")
     # The cold start is the first tick: its dot must not be cut by the axis.
     style.until_end(below, shown.t)
     below.set_xlim(left=-0.015)

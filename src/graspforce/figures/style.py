@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce._util.plot import DASHES, FINGERS, GREY, INK, dress, legend_above, new_figure
+from graspforce._util.plot import DASHES, FINGERS, GREY, INK, legend_above, new_figure, style_axes
 from graspforce.regrasp import is_removed
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def new_axes(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     """Return a figure with one pair of axes, labelled and dressed."""
     figure = new_figure()
     axes = figure.add_subplot()
-    dress(axes, x_label, y_label)
+    style_axes(axes, x_label, y_label)
     return figure, axes
 
 
@@ -117,7 +117,7 @@ def shade_absence(axes: Axes, t: Array, engagement: Array, label: str = "") -> N
     """
     away = is_removed(engagement)
     for when, opacity in (((engagement < 1) & ~away, 0.45), (away, 1.0)):
-        for start, end in _spans(t, when):
+        for start, end in _intervals(t, when):
             axes.axvspan(start, end, color="#e6eaef", alpha=opacity, linewidth=0, zorder=0)
     if label and away.any():
         low, high = axes.get_ylim()
@@ -128,7 +128,7 @@ def shade_absence(axes: Axes, t: Array, engagement: Array, label: str = "") -> N
         )  # fmt: skip
 
 
-def _spans(t: Array, when: np.ndarray[Any, np.dtype[np.bool_]]) -> list[tuple[float, float]]:
+def _intervals(t: Array, when: np.ndarray[Any, np.dtype[np.bool_]]) -> list[tuple[float, float]]:
     """Return the stretches of t where ``when`` is true, each up to the tick that ends it."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], when, [False])).astype(int)))
     last = len(t) - 1

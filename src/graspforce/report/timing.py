@@ -14,7 +14,7 @@ import numpy as np
 
 from graspforce._arrays import Array
 from graspforce._util.claim import Claim
-from graspforce._util.clock import Pair, hot, nothing
+from graspforce._util.clock import Pair, hot, no_op
 from graspforce.bench.own import steps
 from graspforce.problem import ForceProblem
 from graspforce.regrasp import is_removed
@@ -41,7 +41,7 @@ def measure_times(
     whole = (regrasp.engagement == 1).all(axis=1)
     ticks = _tick_times(problems, "timing four fingers", progress)
     changing = _tick_times(list(regrasp.scenario.problems()), "timing the regrasp", progress)
-    solves: list[Pair] = [(nothing, _reading(partial(solve, problem))) for problem in problems]
+    solves: list[Pair] = [(no_op, _reading(partial(solve, problem))) for problem in problems]
     cold = hot(solves, rounds=1, warm_up=False)
     return {
         "passes": PASSES,
