@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, words
+from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, status_words
 from graspforce.errors import InvalidInputError, error_context
 from graspforce.outcome import Status
 
@@ -140,7 +140,7 @@ def _table(results: list[NamedSolution]) -> Table:
         table.add_row(
             str(index),
             Text(printable(name)),
-            Text(words(Status(status)), style="green" if status == Status.SOLVED else "red"),
+            Text(status_words(Status(status)), style="green" if status == Status.SOLVED else "red"),
             *(f"{number:.4g}" if np.isfinite(number) else "–" for number in numbers),
             str(steps),
         )
