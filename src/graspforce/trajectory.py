@@ -101,10 +101,10 @@ class Circle:
 
     Args:
         centre: shape (3,) [m].
-        radius: [m].
+        radius: of the circle [m].
         period: time of one turn [s].
-        yaw_amplitude: [rad]; 0 or negative is fine.
-        yaw_frequency: [Hz].
+        yaw_amplitude: of the sine, any sign [rad].
+        yaw_frequency: of the sine [Hz].
     """
 
     centre: tuple[float, float, float]
@@ -143,13 +143,13 @@ class Circle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Move:
-    """From rest to rest in a straight line, with continuous acceleration.
+    """A straight line from rest to rest, with continuous acceleration.
 
     Args:
         start: shape (3,) [m].
-        way: shape (3,) [m].
-        begin: when it sets off [s].
-        duration: [s].
+        way: from there to the end, shape (3,) [m].
+        begin: time at which the motion begins [s].
+        duration: of the motion [s].
     """
 
     start: Array
@@ -173,14 +173,14 @@ class Move:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sway:
-    """To a side and back, over and over, in position and yaw; from rest.
+    """A periodic motion between two poses, in position and yaw; from rest.
 
     Args:
         start: shape (3,) [m].
-        way: from there to the far end, shape (3,) [m]; y is gone to and fro twice in a period.
-        yaw: at the far end [rad].
-        begin: when it sets off [s].
-        period: [s].
+        way: from there to the other pose, shape (3,) [m]; y has twice the frequency.
+        yaw: at the other pose [rad].
+        begin: time at which the motion begins [s].
+        period: of x, z and yaw [s].
     """
 
     start: Array
@@ -271,7 +271,7 @@ def wrench(
     """Return the wrench that the fingers must exert for a motion, about the centre of mass.
 
     Args:
-        mass: [kg].
+        mass: of the body [kg].
         inertia: about the centre of mass in world axes, shape (3, 3), symmetric and positive
             definite; or a scalar, the moment about a vertical principal axis, for bodies that
             turn about the vertical only [kg·m²].

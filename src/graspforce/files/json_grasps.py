@@ -1,8 +1,8 @@
 """Grasps from JSON: parse strictly, check against the schema, build the problems.
 
-Three layers, each with errors of its own: the text is JSON (and nothing that only Python takes
-for it: NaN, a key twice); the document has the shape that ``grasp.schema.json`` describes; the
-numbers make a :class:`ForceProblem`.
+Three layers, each with errors of its own: the text is strict JSON (Python's parser also takes NaN
+and a key given twice); the document has the shape that ``grasp.schema.json`` describes; the numbers
+make a :class:`ForceProblem`.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _check_shape(document: Any) -> None:
     validator: Any = Draft202012Validator(schema())
     errors: list[ValidationError] = list(validator.iter_errors(document))
     if errors:
-        # A mistyped key also leaves the key that was meant missing: tell of the cause.
+        # A mistyped key also leaves the intended key missing: report the mistyped one.
         unknown = (error for error in errors if error.validator == "additionalProperties")
         error = next(unknown, errors[0])
         raise InvalidInputError(f"{error.json_path}: {_explain(error)}")

@@ -81,7 +81,7 @@ class _Table:
 
 
 def _finite(number: float) -> float | int | None:
-    """Return the number, or None for the infinities and NaN that JSON has no word for."""
+    """Return the number, or None for infinities and NaN, which JSON cannot hold."""
     return number if math.isfinite(number) else None
 
 

@@ -21,7 +21,7 @@ from graspforce.outcome import Status
 ENDINGS = (".npz", ".parquet", ".csv")
 
 
-# A tip that has gone farther than this on the object has slipped, and not only crept [m].
+# A tip that moved farther than this on the object has slipped; less is creep of the contact [m].
 SLIPPED = 1e-3
 
 
