@@ -1,5 +1,6 @@
 """Figures 4 to 12: the right numbers from the logs, and those numbers on the axes."""
 
+import dataclasses
 import subprocess
 import sys
 import xml.etree.ElementTree
@@ -9,7 +10,8 @@ import pytest
 
 from graspforce import figures, scenarios
 from graspforce._util import plot
-from graspforce.errors import MissingExtraError
+from graspforce.contact import SFC
+from graspforce.errors import InvalidInputError, MissingExtraError
 
 MU, LIMIT = 0.5, 0.5
 BY_NUMBER = {module.NUMBER: module for module in figures.FIGURES}
@@ -274,3 +276,11 @@ def test_the_picture_is_drawn():
     assert len(figure.axes[0].texts) == 4
     assert all(text.get_text().endswith(" N") for text in figure.axes[0].texts)
     assert plot.render(figure, "png").startswith(b"\x89PNG")
+
+
+def test_the_picture_refuses_contacts_whose_cone_it_does_not_draw():
+    scenario = scenarios.static()
+    contacts = scenario.cube.side_contacts(SFC(0.5, 0.01))
+    mixed = dataclasses.replace(scenario, contacts=(*scenario.contacts[:3], contacts[3]))
+    with pytest.raises(InvalidInputError, match="scenario: got contacts of model SFC, expected"):
+        figures.grasp_picture.data(mixed)

@@ -19,6 +19,7 @@ import numpy as np
 from graspforce._arrays import Array
 from graspforce._util import plot
 from graspforce.contact import PCWF
+from graspforce.errors import InvalidInputError
 from graspforce.scenarios import Scenario
 from graspforce.solve import solve
 
@@ -58,9 +59,20 @@ class Data:
 
 
 def data(scenario: Scenario, t: float = 0.0) -> Data:
-    """Return the picture's arrays: a scenario's grasp at time t [s], its forces solved."""
+    """Return the picture's arrays: a scenario's grasp at time t [s], its forces solved.
+
+    Raises:
+        InvalidInputError: a contact is no point contact with friction, whose cone is drawn.
+        InfeasibleGraspError: no force holds the grasp.
+    """
     state = scenario.state(t)
     contacts = scenario.contacts_at(t)
+    models = [each.model for each in contacts if isinstance(each.model, PCWF)]
+    if len(models) < len(contacts):
+        others = {type(each.model).__name__ for each in contacts} - {"PCWF"}
+        raise InvalidInputError(
+            f"scenario: got contacts of model {', '.join(sorted(others))}, expected PCWF alone"
+        )
     c = solve(scenario.problem(t), check=True).c.reshape(4, 3)
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return Data(
@@ -69,7 +81,7 @@ def data(scenario: Scenario, t: float = 0.0) -> Data:
         points=np.array([contact.point for contact in contacts]),
         normals=np.array([contact.normal for contact in contacts]),
         forces=np.array([each.frame @ force for each, force in zip(contacts, c, strict=True)]),
-        mu=np.array([each.model.mu for each in contacts if isinstance(each.model, PCWF)]),
+        mu=np.array([model.mu for model in models]),
         palm=scenario.hand.half_width,
     )
 
