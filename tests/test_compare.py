@@ -213,6 +213,10 @@ def test_infeasible_and_unsolved_problems_are_counted(tmp_path):
     row = measure(methods.method("wbf"), task, whole=True)
     assert (row.solved, row.infeasible, row.failures) == (1, 1, 0)
     assert row.largest_jump is None
+    solved = gf.solve(good)
+    assert row.slip_margin == solved.friction_margins.min()
+    assert row.torque_margin == solved.torque_residual
+    assert row.largest_normal == solved.normal_forces.max()
     assert np.isnan(row.normal_forces[1]).all()
     document = json.loads(compare.Comparison((task,), (row,)).to_json())
     assert document["rows"][0]["normal forces [N]"][1] == [None] * 4

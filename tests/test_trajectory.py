@@ -153,3 +153,18 @@ def test_motions_from_rest_arrive():
     assert screw.at(screw.duration).yaw == pytest.approx(7.0)
     assert screw.at(screw.duration + 1).yaw_rate == 0
     assert screw.at(99.0).position[2] == pytest.approx(0.0036 * 7.0 / (2 * np.pi))
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda: Move((0, 0, 0), (0, 0, 1), 0.0, 0.0), "duration"),
+        (lambda: Sway((0, 0, 0), (0, 0, 1), 0.1, 0.0, -1.0), "period"),
+        (lambda: Screw((0, 0, 0), 0.0, 1.0, 0.1, 0.01), "angle"),
+        (lambda: Screw((0, 0, 0), 1.0, 0.0, 0.1, 0.01), "rate"),
+        (lambda: Screw((0, 0, 0), 1.0, 1.0, 0.0, 0.01), "ramp"),
+    ],
+)
+def test_motions_from_rest_need_positive_times_and_rates(make, name):
+    with pytest.raises(gf.InvalidInputError, match=f"^{name}: got .*, expected more than 0"):
+        make()

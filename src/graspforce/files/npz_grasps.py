@@ -154,7 +154,6 @@ def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> list
     for index, row in enumerate(packed):
         if _native.module.find_flaw(layout, row) is not None:
             make(index)  # which raises, and says it of the array that the file has
-    packed.flags.writeable = False
     return [ForceProblem.from_packed(layout, row) for row in packed]
 
 
