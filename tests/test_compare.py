@@ -51,8 +51,10 @@ def test_measures_are_those_of_the_solutions(found):
     assert row.largest_jump == max(jumps)
     assert 30 <= len(jumps) < len(forces) - 1
     assert row.largest_normal == forces.max()
-    assert row.slip_margin == min(each.friction_margins.min() for each in solutions)
-    assert row.torque_margin == min(each.torque_residual for each in solutions)
+    slip = min(each.friction_margins.min() for each in solutions)
+    assert row.slip_margin == pytest.approx(slip, rel=1e-9)
+    torque = min(each.torque_residual for each in solutions)
+    assert row.torque_margin == pytest.approx(torque, rel=1e-9)
     assert (row.iterations == [each.newton_steps for each in solutions]).all()
     assert row.statuses == {"SOLVED": len(forces)}
     assert row.solved == len(forces)
@@ -214,8 +216,8 @@ def test_infeasible_and_unsolved_problems_are_counted(tmp_path):
     assert (row.solved, row.infeasible, row.failures) == (1, 1, 0)
     assert row.largest_jump is None
     solved = gf.solve(good)
-    assert row.slip_margin == solved.friction_margins.min()
-    assert row.torque_margin == solved.torque_residual
+    assert row.slip_margin == pytest.approx(solved.friction_margins.min(), rel=1e-9)
+    assert row.torque_margin == pytest.approx(solved.torque_residual, rel=1e-9)
     assert row.largest_normal == solved.normal_forces.max()
     assert np.isnan(row.normal_forces[1]).all()
     document = json.loads(compare.Comparison((task,), (row,)).to_json())

@@ -19,6 +19,7 @@ from jsonschema import Draft202012Validator
 
 import graspforce as gf
 from graspforce import files
+from graspforce.columns import Columns
 from graspforce.files import npz_grasps
 
 ROOT = Path(__file__).parents[1]
@@ -518,21 +519,21 @@ def results():
     return [files.NamedSolution(name, gf.solve(problem)) for name, problem in grasps]
 
 
-def numbers(solution):
-    names = [
-        "phi", "suboptimality", "violation", "friction_residual", "torque_residual",
-        "wrench_error", "newton_steps",
-    ]  # fmt: skip
-    return {name: getattr(solution, name) for name in names} | {"alpha": solution.problem.alpha}
-
-
-def vectors(solution):
-    names = ["c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu"]
-    each = {name: getattr(solution, name) for name in names}
-    certificate = solution.certificate
-    each["certificate_y"] = certificate.y if certificate else np.empty(0)
-    each["certificate_z"] = certificate.z if certificate else np.empty(0)
-    return each
+def numbers_and_vectors(results):
+    """What is written of every result, from its columns, whose tests judge the numbers."""
+    columns = Columns(solution for _, solution in results)
+    for i, solution in enumerate(columns):
+        names = [
+            "phi", "suboptimality", "violation", "friction_residual", "torque_residual",
+            "wrench_error", "newton_steps",
+        ]  # fmt: skip
+        numbers = {name: columns.rows(name)[i] for name in names}
+        names = ["c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu"]
+        vectors = {name: columns.rows(name)[i] for name in names}
+        proof = solution.certificate
+        vectors["certificate_y"] = proof.y if proof else np.empty(0)
+        vectors["certificate_z"] = proof.z if proof else np.empty(0)
+        yield numbers | {"alpha": solution.problem.alpha}, vectors
 
 
 def finite(x):
@@ -554,7 +555,8 @@ def test_json_results_round_trip(tmp_path, results):
     assert "Infinity" not in text
     back = json.loads(text)["results"]
     assert len(back) == len(results)
-    for got, (name, solution) in zip(back, results, strict=True):
+    written = numbers_and_vectors(results)
+    for got, (name, solution), (numbers, vectors) in zip(back, results, written, strict=True):
         certificate = got.pop("certificate")
         got |= {f"certificate_{k}": (certificate or {"y": [], "z": []})[k] for k in "yz"}
         assert (certificate is None) == (solution.certificate is None)
@@ -562,8 +564,8 @@ def test_json_results_round_trip(tmp_path, results):
             "name": name,
             "status": solution.status.name,
             "message": solution.message,
-            **{key: finite(value) for key, value in numbers(solution).items()},
-            **{key: [finite(x) for x in v.tolist()] for key, v in vectors(solution).items()},
+            **{key: finite(value) for key, value in numbers.items()},
+            **{key: [finite(x) for x in v.tolist()] for key, v in vectors.items()},
         }
         assert got == expected
 
@@ -586,14 +588,15 @@ def test_csv_results_round_trip(tmp_path, results):
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file, strict=True))
     assert len(rows) == len(results)
-    for row, (name, solution) in zip(rows, results, strict=True):
+    written = numbers_and_vectors(results)
+    for row, (name, solution), (numbers, vectors) in zip(rows, results, written, strict=True):
         assert row.pop("name") == name
         assert row.pop("status") == solution.status.name
         assert row.pop("message") == solution.message
-        for key, value in numbers(solution).items():
+        for key, value in numbers.items():
             cell = row.pop(key)
             assert (float(cell) if cell else None) == finite(value)
-        for key, vector in vectors(solution).items():
+        for key, vector in vectors.items():
             for index, value in enumerate(vector):
                 cell = row.pop(f"{key}_{index}")
                 assert (float(cell) if cell else None) == finite(value)
@@ -606,13 +609,14 @@ def test_npz_results_round_trip(tmp_path, results):
     with np.load(path, allow_pickle=False) as archive:
         back = dict(archive)
     assert all(len(array) == len(results) for array in back.values())
-    for i, (name, solution) in enumerate(results):
+    written = numbers_and_vectors(results)
+    for i, ((name, solution), (numbers, vectors)) in enumerate(zip(results, written, strict=True)):
         assert back["name"][i] == name
         assert back["status"][i] == solution.status.name
         assert back["message"][i] == solution.message
-        for key, value in numbers(solution).items():
+        for key, value in numbers.items():
             np.testing.assert_equal(back[key][i], value)
-        for key, vector in vectors(solution).items():
+        for key, vector in vectors.items():
             length = back[f"{key}_length"][i]
             np.testing.assert_array_equal(back[key][i, :length], vector)
             assert np.isnan(back[key][i, length:]).all()
