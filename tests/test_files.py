@@ -108,14 +108,14 @@ def test_json_grasp_by_W(tmp_path):
     assert problem == gf.ForceProblem([[1, -1]], [2], [gf.FPC(), gf.FPC()], c_max=5)
 
 
-def test_several_grasps_keep_their_order_and_get_names(tmp_path):
+def test_files_several_grasps_keep_their_order_and_get_names(tmp_path):
     unnamed = changed(name=None)
     document = {"grasps": [unnamed, CAN, unnamed]}
     names = [name for name, _ in files.read(save(tmp_path / "x.JSON", document))]
     assert names == ["x[0]", "can", "x[2]"]
 
 
-def test_byte_order_mark_is_no_error(tmp_path):
+def test_files_byte_order_mark_is_no_error(tmp_path):
     path = tmp_path / "g.json"
     path.write_text(json.dumps(CAN), encoding="utf-8-sig")
     assert files.read(path)[0].name == "can"
@@ -147,7 +147,7 @@ BAD_TEXTS = {
 
 
 @pytest.mark.parametrize(("text", "message"), BAD_TEXTS.values(), ids=BAD_TEXTS)
-def test_bad_text_is_refused(tmp_path, text, message):
+def test_files_bad_text_is_refused(tmp_path, text, message):
     path = tmp_path / "bad.json"
     path.write_bytes(text)
     with pytest.raises(gf.InvalidInputError, match=message) as caught:
@@ -240,7 +240,7 @@ BAD_GRASPS = {
 
 
 @pytest.mark.parametrize(("document", "message"), BAD_GRASPS.values(), ids=BAD_GRASPS)
-def test_bad_grasp_is_refused(tmp_path, document, message):
+def test_files_bad_grasp_is_refused(tmp_path, document, message):
     path = save(tmp_path / "bad.json", document)
     with pytest.raises(gf.InvalidInputError, match=message) as caught:
         files.read(path)
@@ -248,7 +248,7 @@ def test_bad_grasp_is_refused(tmp_path, document, message):
     assert "\n" not in str(caught.value)
 
 
-def test_the_can_itself_is_fine(tmp_path):
+def test_files_the_can_itself_is_fine(tmp_path):
     """Else the cases above could be refused for the wrong reason."""
     ((_, problem),) = files.read(save(tmp_path / "can.json", CAN))
     assert gf.solve(problem).status is gf.Status.SOLVED
@@ -266,7 +266,7 @@ def test_unreadable_files(tmp_path):
         files.read(tmp_path / "folder.json")
 
 
-def test_schema_is_valid_and_describes_what_the_reader_reads():
+def test_files_schema_is_valid_and_describes_what_the_reader_reads():
     schema = files.schema()
     Draft202012Validator.check_schema(schema)
     arguments = {"f", "W", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement"}
@@ -446,7 +446,7 @@ BAD_STACKS = {
 
 
 @pytest.mark.parametrize(("changes", "message"), BAD_STACKS.values(), ids=BAD_STACKS)
-def test_bad_stacks_are_refused(tmp_path, changes, message):
+def test_files_bad_stacks_are_refused(tmp_path, changes, message):
     path = tmp_path / "bad.npz"
     data = {key: value for key, value in (stacks() | changes).items() if value is not None}
     np.savez(path, **data)
@@ -540,7 +540,7 @@ def finite(x):
     return x if math.isfinite(x) else None
 
 
-def test_the_results_have_every_case(results):
+def test_files_the_results_have_every_case(results):
     statuses = [solution.status for _, solution in results]
     assert {gf.Status.SOLVED, gf.Status.INFEASIBLE, gf.Status.UNBOUNDED} == set(statuses)
     assert any(np.isinf(solution.friction_margins).any() for _, solution in results)
@@ -623,7 +623,7 @@ def test_npz_results_round_trip(tmp_path, results):
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv", ".npz"])
-def test_failed_write_keeps_what_was_there(tmp_path, results, ending, monkeypatch):
+def test_files_failed_write_keeps_what_was_there(tmp_path, results, ending, monkeypatch):
     path = tmp_path / f"out{ending}"
     path.write_text("precious")
 
@@ -648,7 +648,7 @@ def test_write_replaces_whole_files_and_keeps_links(tmp_path, results):
     assert (tmp_path / "real.csv").read_bytes() == (tmp_path / "fresh.csv").read_bytes()
 
 
-def test_bad_outputs_are_refused(tmp_path, results):
+def test_files_bad_outputs_are_refused(tmp_path, results):
     with pytest.raises(gf.InvalidInputError, match=r"ending in '\.xlsx', expected one in \.json"):
         files.write(tmp_path / "out.xlsx", results)
     with pytest.raises(gf.InvalidInputError, match=r"directory .* does not exist"):
@@ -661,7 +661,7 @@ def test_bad_outputs_are_refused(tmp_path, results):
 # ---- examples and documentation ----------------------------------------------------------------
 
 
-def test_examples_are_what_their_script_makes(tmp_path):
+def test_files_examples_are_what_their_script_makes(tmp_path):
     script = [sys.executable, str(EXAMPLES / "make_examples.py"), str(tmp_path)]
     subprocess.run(script, check=True, timeout=60)
     made = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}
@@ -669,7 +669,7 @@ def test_examples_are_what_their_script_makes(tmp_path):
     assert made == kept
 
 
-def test_paper_example_is_the_static_scenario():
+def test_files_paper_example_is_the_static_scenario():
     ((_, problem),) = files.read(EXAMPLES / "paper_grasp.json")
     expected = gf.scenarios.get("static").problem(0.0)
     for name, value in expected.arguments().items():
@@ -679,7 +679,7 @@ def test_paper_example_is_the_static_scenario():
     assert gf.solve(problem).status is gf.Status.SOLVED
 
 
-def test_nose_cone_is_the_published_problem():
+def test_files_nose_cone_is_the_published_problem():
     """Lobo, Vandenberghe, Boyd and Lebret (1998), in the numbers of Vanderbei's collection."""
     ((_, problem),) = files.read(EXAMPLES / "nose_cone.json")
     document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
@@ -699,14 +699,14 @@ def test_nose_cone_is_the_published_problem():
     assert gf.solve(problem.replace(c_max=0.999 * least)).status is gf.Status.INFEASIBLE
 
 
-def test_several_example():
+def test_files_several_example():
     solutions = [gf.solve(problem) for _, problem in files.read(EXAMPLES / "several_grasps.json")]
     verdicts = [solution.status.name for solution in solutions]
     assert verdicts == ["SOLVED", "INFEASIBLE", "SOLVED", "SOLVED", "INFEASIBLE"]
     assert all(solution.verify().ok for solution in solutions)
 
 
-def test_allegro_file_is_read_as_it_is():
+def test_files_allegro_file_is_read_as_it_is():
     grasps = files.read(ALLEGRO)
     assert len(grasps) == 12
     assert grasps[0].name == "002_master_chef_can"
@@ -727,7 +727,7 @@ def test_json_of_the_docs_is_read_and_solved(tmp_path, snippet):
 
 
 @pytest.mark.parametrize("snippet", fenced("python"))
-def test_python_of_the_docs_runs(tmp_path, snippet, monkeypatch, capsys):
+def test_files_python_of_the_docs_runs(tmp_path, snippet, monkeypatch, capsys):
     (tmp_path / "examples").symlink_to(EXAMPLES)
     monkeypatch.chdir(tmp_path)
     exec(snippet, {})
