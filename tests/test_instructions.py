@@ -6,19 +6,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import convergence
+import instructions
+import linearised_cones
 import numpy as np
 import pytest
+import saving
+import simulation
 
 from graspforce import sim
 from graspforce.baselines import METHODS
 from graspforce.compare import NAMES
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-import convergence
-import instructions
-import linearised_cones
-import saving
-import simulation
 
 BENCHMARKS = Path(simulation.__file__).parent
 

@@ -13,6 +13,8 @@ from __future__ import annotations
 import inspect
 import re
 import warnings
+from collections.abc import Generator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -38,6 +40,15 @@ def warn(*texts: str) -> None:
 
 class InvalidInputError(GraspForceError, ValueError):
     """An argument is wrong; the text names it, what came and what was expected."""
+
+
+@contextmanager
+def error_context(where: str) -> Generator[None]:
+    """Put ``where`` in front of the text of an InvalidInputError raised inside."""
+    try:
+        yield
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{where}: {error}") from error
 
 
 class ModelImportError(GraspForceError):

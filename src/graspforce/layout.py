@@ -89,9 +89,9 @@ class Layout(NamedTuple):
         return _slots(self)
 
     def views(self, packed: Array) -> dict[str, Array]:
-        """Return every field of a flat buffer as a view of it."""
+        """Return every field as a view of a flat buffer, or of a stack of them, shape (B, size)."""
         return {
-            name: packed[slot.start : slot.stop].reshape(slot.shape)
+            name: packed[..., slot.start : slot.stop].reshape(packed.shape[:-1] + slot.shape)
             for name, slot in self.slots.items()
         }
 

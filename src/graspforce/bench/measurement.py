@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce._util.atomic import replacing
+from graspforce._util.atomic import atomic_write
+from graspforce._util.environment import describe_machine
 from graspforce.errors import InvalidInputError
-from graspforce.report.machine import describe_machine
 
 PERCENTILES = (50.0, 99.0, 99.9)
 
@@ -80,7 +80,7 @@ class Run:
             "date": self.date,
             "rows": [vars(row) for row in self.rows],
         }
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
             temporary.write_text(text, encoding="utf-8")
 
@@ -95,7 +95,7 @@ class Run:
             content = json.loads(path.read_text(encoding="utf-8"))
             rows = tuple(Row(**row) for row in content["rows"])
             if not all(row.p50 > 0 for row in rows):
-                raise ValueError("a time that is none")
+                raise ValueError("a time that is not positive")
             return cls(rows, content["machine"], content["date"])
         except OSError as error:
             raise InvalidInputError(f"{path}: cannot read it: {error.strerror}") from error

@@ -13,14 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from graspforce import _engine
+from graspforce import _engine, scenarios
 from graspforce._arrays import Array
-from graspforce.bench import workloads
-from graspforce.bench.clock import Call, Pair, hot, nothing, paced
+from graspforce._util.clock import Call, Pair, hot, no_op, paced
 from graspforce.bench.measurement import Measurement
+from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
+from graspforce.scenarios import random
 from graspforce.servo import Servo
 from graspforce.settings import Settings
+from graspforce.solution import Solution
 from graspforce.solve import solve
 
 RATE = 1000.0  # 1/s
@@ -29,7 +31,7 @@ CONTACTS = (4, 8, 16, 32, 64)
 
 def ticks_and_solves(effort: int) -> Iterator[Measurement]:
     """Time the dynamic task from C++ and from Python, ``effort`` rounds of 500 ticks each."""
-    problems = workloads.dynamic_task()
+    problems = list(scenarios.dynamic().problems())
     task = "tick, the paper's dynamic task"
     cores = {name.rpartition(".")[2]: importlib.import_module(name) for name in _engine.modules}
     for name, module in cores.items():
@@ -40,7 +42,7 @@ def ticks_and_solves(effort: int) -> Iterator[Measurement]:
     yield Measurement(task, "servo.step(f=, W=, J=)", hot(passed, effort))
     at_rate = f"tick, paced at {RATE:.0f} Hz"
     count = 100 * effort
-    yield Measurement(at_rate, "an empty call", paced([(nothing, nothing)], RATE, count))
+    yield Measurement(at_rate, "an empty call", paced([(no_op, no_op)], RATE, count))
     yield Measurement(at_rate, "servo.tick(), its arrays written before", paced(bound, RATE, count))
     yield Measurement(at_rate, "servo.step(f=, W=, J=)", paced(passed, RATE, count))
     cold = "cold solve"
@@ -49,9 +51,9 @@ def ticks_and_solves(effort: int) -> Iterator[Measurement]:
         yield Measurement(cold, f"dynamic task, C++, {name}", times)
     for name, some in (
         ("dynamic task, solve(problem)", problems),
-        ("random grasps, solve(problem)", workloads.random_grasps(500)),
+        ("random grasps, solve(problem)", random.grasps(500)),
     ):
-        calls: list[Pair] = [(nothing, partial(solve, problem)) for problem in some]
+        calls: list[Pair] = [(no_op, partial(solve, problem)) for problem in some]
         yield Measurement(cold, name, hot(calls, effort))
 
 
@@ -59,11 +61,11 @@ def growth(effort: int) -> Iterator[Measurement]:
     """Time grasps of more and more contacts in C++: a tick, and one Newton step."""
     module = _engine.module
     for contacts in CONTACTS:
-        problems = workloads.breathing_grasp(contacts)
+        problems = random.stream(contacts)
         times = _core_times(module, problems, effort)
         yield Measurement("tick by number of contacts, C++", f"{contacts} contacts", times)
     for contacts in CONTACTS:
-        times = _newton_step(workloads.breathing_grasp(contacts, 1)[0], effort)
+        times = _newton_step(random.stream(contacts, 1)[0], effort)
         yield Measurement("one Newton step of a cold solve", f"{contacts} contacts", times)
 
 
@@ -82,36 +84,52 @@ def import_time(effort: int) -> Iterator[Measurement]:
     yield Measurement("import", "import graspforce, beyond NumPy's", np.array(runs[1:]))
 
 
-def steps(problems: list[ForceProblem]) -> list[Pair]:
-    """Return ticks that pass new arrays to ``servo.step``."""
-    servo = Servo(problems[0])
+def steps(problems: list[ForceProblem]) -> list[tuple[Call, Callable[[], Solution]]]:
+    """Return ticks that pass arrays of their own of the fields that change to ``servo.step``.
 
-    def step(f: Array, W: Array, J: Array) -> Call:
-        return lambda: servo.step(f=f, W=W, J=J)
+    ``servo.step_to(problem)`` would be shorter, but a controller has arrays and no ForceProblem:
+    this is the call that it makes.
+    """
+    servo, names = Servo(problems[0]), changing_fields(problems)
 
-    return [(nothing, step(np.array(p.f), np.array(p.W), np.array(p.J))) for p in problems]
+    def step(changes: dict[str, Any]) -> Callable[[], Solution]:
+        return lambda: servo.step(**changes)
+
+    return [(no_op, step({name: np.array(getattr(p, name)) for name in names})) for p in problems]
+
+
+def changing_fields(problems: list[ForceProblem]) -> list[str]:
+    """Return the names of the fields that change in a stream of problems of one layout."""
+    stack = problems[0].layout.views(np.array([problem.packed for problem in problems]))
+    return [name for name, values in stack.items() if (values != values[0]).any()]
 
 
 def bound_ticks(problems: list[ForceProblem]) -> list[Pair]:
     """Return ticks from arrays that were written before the clock starts."""
     servo = Servo(problems[0])
-    write = _writer(servo)
+    write = _writer(servo, problems)
     return [(partial(write, p.f, p.W, p.J), servo.tick) for p in problems]
 
 
 def written_ticks(problems: list[ForceProblem]) -> list[Pair]:
     """Return ticks with the writing of the arrays."""
     servo = Servo(problems[0])
-    write = _writer(servo)
+    write = _writer(servo, problems)
 
     def tick(new_f: Array, new_W: Array, new_J: Array) -> None:
         write(new_f, new_W, new_J)
         servo.tick()
 
-    return [(nothing, partial(tick, p.f, p.W, p.J)) for p in problems]
+    return [(no_op, partial(tick, p.f, p.W, p.J)) for p in problems]
 
 
-def _writer(servo: Servo) -> Callable[[Array, Array, Array], None]:
+def _writer(servo: Servo, problems: list[ForceProblem]) -> Callable[[Array, Array, Array], None]:
+    """Return a function that writes f, W and J, all that may change in these problems."""
+    others = set(changing_fields(problems)) - {"f", "W", "J"}
+    if others:
+        raise InvalidInputError(
+            f"problems: {', '.join(sorted(others))} changed, expected only f, W and J to change"
+        )
     f, W, J = servo.f, servo.W, servo.J
 
     def write(new_f: Array, new_W: Array, new_J: Array) -> None:
@@ -131,7 +149,7 @@ def _core_times(
 
 
 def _newton_step(problem: ForceProblem, rounds: int) -> Array:
-    """Time a step by what each step more of a budget adds to a cold solve with far to go."""
+    """Time a step: the difference of cold solves under two step limits, by the steps between."""
     far = problem.replace(alpha=1000.0)
     most = solve(far).newton_steps - 1
     stream = np.stack([far.packed] * 20)

@@ -1,6 +1,6 @@
-"""Times of the solvers that users would pick instead, on the same problems in the same run.
+"""Times of other solvers on the same problems in the same run.
 
-Each keeps its workspace and takes the new numbers of every problem, as a control loop would.
+Each keeps its workspace and takes the new numbers of every problem, as in a control loop.
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from graspforce import baselines
-from graspforce.bench import workloads
-from graspforce.bench.clock import Pair, hot, nothing
+from graspforce import baselines, scenarios
+from graspforce._util.clock import Pair, hot, no_op
 from graspforce.bench.measurement import Measurement
 from graspforce.problem import ForceProblem
 from graspforce.solve import solve
@@ -65,9 +64,9 @@ PEERS: dict[str, Callable[[ForceProblem], Solve]] = {
 }
 
 
-def beside_others(effort: int) -> Iterator[Measurement]:
+def peer_times(effort: int) -> Iterator[Measurement]:
     """Time graspforce cold and every solver that is installed."""
-    problems = workloads.dynamic_task()[::EVERY]
+    problems = list(scenarios.dynamic().problems())[::EVERY]
     yield Measurement(GROUP, OWN, _times(solve, problems, EVERY * effort))
     for name, prepare in PEERS.items():
         try:
@@ -78,5 +77,5 @@ def beside_others(effort: int) -> Iterator[Measurement]:
 
 
 def _times(solve_next: Solve, problems: list[ForceProblem], rounds: int) -> np.ndarray:
-    calls: list[Pair] = [(nothing, partial(solve_next, problem)) for problem in problems]
+    calls: list[Pair] = [(no_op, partial(solve_next, problem)) for problem in problems]
     return hot(calls, rounds)

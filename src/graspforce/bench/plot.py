@@ -8,10 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from graspforce._util.atomic import replacing
+from graspforce._util import plot
+from graspforce._util.atomic import atomic_write
 from graspforce.bench import peers
 from graspforce.bench.measurement import Run
-from graspforce.figures import style
 
 _ROW, _REST = 0.24, 1.2  # [inch]
 
@@ -30,8 +30,8 @@ def draw(run: Run, path: Path) -> None:
             lines.append(row.group)
             group = row.group
         others = row.group == peers.GROUP and row.name != peers.OWN
-        lines.append((row.name, row.p50, row.p99, style.GREY if others else style.FINGERS[0]))
-    figure = style.new_figure(height=_ROW * len(lines) + _REST, width=9.0)
+        lines.append((row.name, row.p50, row.p99, plot.GREY if others else plot.FINGERS[0]))
+    figure = plot.new_figure(height=_ROW * len(lines) + _REST, width=9.0)
     axes = figure.add_subplot()
     for index, line in enumerate(lines):
         if isinstance(line, str):
@@ -51,9 +51,9 @@ def draw(run: Run, path: Path) -> None:
     axes.invert_yaxis()
     axes.set_xscale("log")
     axes.set_xlabel("time [µs]: dot p50, line to p99")
-    axes.grid(axis="x", which="major", color=style.LIGHT)
+    axes.grid(axis="x", which="major", color=plot.LIGHT)
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
     kind: Any = path.suffix[1:].lower()
-    with replacing(path) as temporary:
-        temporary.write_bytes(style.render(figure, kind))
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(plot.render(figure, kind))

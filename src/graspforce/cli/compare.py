@@ -43,8 +43,8 @@ def compare(
     installed are listed with the pip line.
     """
     from graspforce import compare as comparing
+    from graspforce._util.environment import describe_run
     from graspforce.compare import output
-    from graspforce.report.machine import describe_run
 
     if out is not None:
         output.prepare(out)

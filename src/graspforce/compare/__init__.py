@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from graspforce._util.claim import Claim
 from graspforce.compare import flops
 from graspforce.compare.measure import Measured, measure
-from graspforce.compare.methods import NAMES, WBF, chosen
+from graspforce.compare.methods import NAMES, WBF, select
 from graspforce.compare.tasks import Task, task
-from graspforce.figures.claim import Claim
 from graspforce.problem import ForceProblem
 from graspforce.scenarios import NAMES as SCENARIOS
 
@@ -145,7 +145,7 @@ class Comparison:
 
 
 def compare(
-    tasks: Sequence[str | Path] = SCENARIOS,
+    tasks: Sequence[str | Path | Task] = SCENARIOS,
     methods: Sequence[str] | None = None,
     whole: bool = False,
     progress: Callable[[str, int, int], None] | None = None,
@@ -153,7 +153,7 @@ def compare(
     """Run the methods on the tasks.
 
     Args:
-        tasks: names of scenarios, files of grasps.
+        tasks: names of scenarios, files of grasps, or problems of your own as a :class:`Task`.
         methods: names; default all. One whose package is not installed has a row that says so.
         whole: run the slow methods, too, on every problem of a task.
         progress: called with a task's name, how many methods are done, and how many there are.
@@ -161,14 +161,14 @@ def compare(
     Raises:
         InvalidInputError: an unknown task, method or file.
     """
-    those = chosen(methods)
-    todo = tuple(task(name) for name in tasks)
+    selected = select(methods)
+    todo = tuple(each if isinstance(each, Task) else task(each) for each in tasks)
     rows: list[Measured] = []
     for each in todo:
-        for done, method in enumerate(those, 1):
+        for done, method in enumerate(selected, 1):
             rows.append(measure(method, each, whole))
             if progress is not None:
-                progress(each.name, done, len(those))
+                progress(each.name, done, len(selected))
     return Comparison(todo, tuple(rows))
 
 

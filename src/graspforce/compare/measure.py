@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
+from graspforce._util.clock import hot, no_op
+from graspforce.columns import Columns
 from graspforce.compare import flops
 from graspforce.compare.methods import Method
 from graspforce.compare.tasks import Task
@@ -43,8 +46,8 @@ class Measured:
             no two neighbours were solved.
         normal_forces: shape (R, n), NaN where not solved; None where n varies [N].
         statuses: how many problems ended how, by the name of the status. Where a problem ends
-            otherwise warm than from scratch the worse counts: a failure before no answer, no
-            answer before SOLVED.
+            differently warm and from scratch the worse counts: a failure is worse than no
+            answer, no answer worse than SOLVED.
     """
 
     method: str
@@ -100,8 +103,8 @@ _VERDICTS = (Status.SOLVED, Status.UNBOUNDED, *_NO_ANSWER)
 def measure(method: Method, task: Task, whole: bool) -> Measured:
     """Run a method on a task, after one run of the first problem that does not count.
 
-    The ticks of a fast method take less than fetching their problems from memory, so it runs each
-    pass twice, and the second one counts.
+    A tick of a fast method takes less time than loading its problem from memory, so each pass runs
+    twice and the second one counts.
 
     Args:
         method: what to run.
@@ -112,22 +115,21 @@ def measure(method: Method, task: Task, whole: bool) -> Measured:
     try:
         method.cold(first)
     except MissingExtraError as error:
-        return _nothing(method, task, str(error))
-    ran = task.some(None if whole else method.most)
+        return _not_installed(method, task, str(error))
+    ran = task.subset(None if whole else method.max_problems)
     problems = [task.problems[int(i)] for i in ran]
 
-    passes = 2 if method.most is None else 1
-    cold = _timed(lambda: method.cold, problems, passes)
-    warm = None
+    fast = method.max_problems is None
+    cold_us, cold = _timed(lambda: method.cold, problems, warm_up=fast)
+    warm_us = warm = None
     if method.warm is not None and task.t is not None:
-        warm = _timed(method.warm, problems, passes)
-    ends = [solution.status for _, solution in cold]
+        warm_us, warm = _timed(method.warm, problems, warm_up=fast)
+    ends: list[Status] = cold.rows("status")
     if warm is not None:
-        pairs = zip(ends, (solution.status for _, solution in warm), strict=True)
-        ends = [max(pair, key=_badness) for pair in pairs]
-    solutions = [solution for _, solution in warm or cold]
-    good = [each for each in solutions if each.status is Status.SOLVED]
-    forces = _normal_forces(solutions)
+        ends = [max(pair, key=_severity) for pair in zip(ends, warm.rows("status"), strict=True)]
+    columns = cold if warm is None else warm
+    solved = columns.solved
+    forces = _normal_forces(columns)
     formula = flops.STEP.get(method.name)
     return Measured(
         method=method.name,
@@ -135,21 +137,21 @@ def measure(method: Method, task: Task, whole: bool) -> Measured:
         missing=None,
         ran=ran,
         of=len(task.problems),
-        cold_us=np.array([us for us, _ in cold]),
-        warm_us=None if warm is None else np.array([us for us, _ in warm]),
-        iterations=_steps(solution for _, solution in cold),
-        warm_iterations=None if warm is None else _steps(solution for _, solution in warm),
+        cold_us=cold_us,
+        warm_us=warm_us,
+        iterations=cold.newton_steps,
+        warm_iterations=None if warm is None else warm.newton_steps,
         step_flops=None if formula is None else formula(first),
-        slip_margin=min((float(each.friction_margins.min()) for each in good), default=None),
-        torque_margin=_finite(min((each.torque_residual for each in good), default=None)),
-        largest_normal=max((float(each.normal_forces.max()) for each in good), default=None),
+        slip_margin=_extreme(np.nanmin, columns.friction_margins[solved]),
+        torque_margin=_finite(_extreme(np.nanmin, columns.torque_residual[solved])),
+        largest_normal=_extreme(np.nanmax, columns.normal_forces[solved]),
         largest_jump=None if task.t is None or forces is None else _jump(ran, forces),
         normal_forces=forces,
         statuses=dict(Counter(each.name for each in ends)),
     )
 
 
-def _nothing(method: Method, task: Task, missing: str) -> Measured:
+def _not_installed(method: Method, task: Task, missing: str) -> Measured:
     none = np.zeros(0, dtype=np.int64)
     return Measured(
         method=method.name,
@@ -174,44 +176,46 @@ def _nothing(method: Method, task: Task, missing: str) -> Measured:
 def _timed(
     make: Callable[[], Callable[[ForceProblem], Solution]],
     problems: Sequence[ForceProblem],
-    passes: int,
-) -> list[tuple[float, Solution]]:
-    """Return, of the last pass, each solve's time with reading its forces [µs] and solution.
+    warm_up: bool,
+) -> tuple[Array, Columns]:
+    """Return each solve's time with reading its forces [µs], and the solutions.
 
     Args:
         make: called before each pass, for the function that solves.
         problems: one after the other.
-        passes: how many.
+        warm_up: whether a first pass does not count.
     """
-    found: list[tuple[float, Solution]] = []
-    for _ in range(passes):
-        call, found = make(), []
-        for problem in problems:
-            start = time.perf_counter_ns()
-            solution = call(problem)
-            _ = solution.c
-            found.append(((time.perf_counter_ns() - start) / 1e3, solution))
-    return found
+    solve, found = make(), list[Solution]()
+
+    def begin() -> None:
+        nonlocal solve
+        solve = make()
+        found.clear()
+
+    def run(problem: ForceProblem) -> None:
+        solution = solve(problem)
+        _ = solution.c
+        found.append(solution)
+
+    before = [begin] + [no_op] * (len(problems) - 1)
+    calls = [partial(run, problem) for problem in problems]
+    times = hot(list(zip(before, calls, strict=True)), rounds=1, warm_up=warm_up)
+    return times, Columns(found)
 
 
-def _badness(status: Status) -> int:
-    """SOLVED, no best answer, no answer, no verdict."""
+def _severity(status: Status) -> int:
+    """Rank a status: SOLVED, no best answer, no answer, no verdict."""
     return _VERDICTS.index(status) if status in _VERDICTS else len(_VERDICTS)
 
 
-def _steps(solutions: Iterable[Solution]) -> NDArray[np.int64]:
-    return np.array([each.newton_steps for each in solutions], dtype=np.int64)
+def _extreme(of: Callable[[Array], Any], values: Array) -> float | None:
+    return float(of(values)) if values.size else None
 
 
-def _normal_forces(solutions: list[Solution]) -> Array | None:
-    sizes = {each.problem.n for each in solutions}
-    if len(sizes) != 1:
+def _normal_forces(columns: Columns) -> Array | None:
+    if len({each.problem.n for each in columns}) != 1:
         return None
-    rows = [
-        each.normal_forces if each.status is Status.SOLVED else np.full(each.problem.n, np.nan)
-        for each in solutions
-    ]
-    return np.array(rows)
+    return np.where(columns.solved[:, None], columns.normal_forces, np.nan)
 
 
 def _jump(ran: NDArray[np.int64], forces: Array) -> float | None:

@@ -31,8 +31,8 @@ NAMES: tuple[str, ...] = (WBF, *sorted((*METHODS, *VARIANTS)))
 """Every method that there is, installed or not."""
 
 
-# How many of a task's problems the slow methods solve, so that none takes much longer than
-# a few seconds; the others solve all of them.
+# How many of a task's problems the slow methods solve, which bounds their time to a few seconds;
+# the others solve all of them.
 SLOW: dict[str, int] = {"dikin": 100, "sdp": 100, "neural_network": 10, "gradient_flow": 2}
 
 
@@ -45,16 +45,13 @@ class Method:
         cold: solves a problem from scratch.
         warm: makes a function that solves a stream of problems, each from the one before or in
             the workspace kept from it; None for a method that cannot.
+        max_problems: of a task, that it solves; None for all.
     """
 
     name: str
     cold: Callable[[ForceProblem], Solution]
     warm: Callable[[], Callable[[ForceProblem], Solution]] | None
-
-    @property
-    def most(self) -> int | None:
-        """How many problems of a task are enough for it; None for all."""
-        return SLOW.get(self.name)
+    max_problems: int | None = None
 
 
 def method(name: str) -> Method:
@@ -64,19 +61,21 @@ def method(name: str) -> Method:
         InvalidInputError: an unknown name.
     """
     if name == WBF:
-        return Method(WBF, solve, _Stream)
+        return Method(WBF, solve, _ServoStream)
     if name not in NAMES:
         raise InvalidInputError(f"methods: got {name!r}, expected one of {', '.join(NAMES)}")
     base, options = VARIANTS.get(name, (name, {}))
     module = importlib.import_module(METHODS[base])
-    cold = partial(module.solve, **options)
+    cold, limit = partial(module.solve, **options), SLOW.get(name)
     if hasattr(module, "Prepared"):
-        return Method(name, cold, lambda: _Update(partial(module.Prepared, **options)))
+        return Method(
+            name, cold, lambda: _KeptWorkspace(partial(module.Prepared, **options)), limit
+        )
     restarts = "start" in inspect.signature(module.solve).parameters
-    return Method(name, cold, (lambda: _Restart(cold)) if restarts else None)
+    return Method(name, cold, (lambda: _WarmStart(cold)) if restarts else None, limit)
 
 
-def chosen(names: Sequence[str] | None) -> list[Method]:
+def select(names: Sequence[str] | None) -> list[Method]:
     """Return the methods of these names, each once, or all.
 
     Raises:
@@ -85,7 +84,7 @@ def chosen(names: Sequence[str] | None) -> list[Method]:
     return [method(name) for name in dict.fromkeys(NAMES if names is None else names)]
 
 
-class _Stream:
+class _ServoStream:
     """A Servo that is made when the first problem comes."""
 
     def __init__(self) -> None:
@@ -97,7 +96,7 @@ class _Stream:
         return self._servo.step_to(problem)
 
 
-class _Update:
+class _KeptWorkspace:
     """A method whose solver keeps its workspace, made when the first problem comes."""
 
     def __init__(self, prepare: Callable[[ForceProblem], Any]) -> None:
@@ -110,7 +109,7 @@ class _Update:
         return self._prepared.solve(problem)
 
 
-class _Restart:
+class _WarmStart:
     """A method that starts from the forces before."""
 
     def __init__(self, baseline: Callable[..., Solution]) -> None:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from graspforce._util.atomic import check_writable, make_folder, replacing
+from graspforce._util import plot
+from graspforce._util.atomic import atomic_write, check_writable, make_folder
 from graspforce.compare import Comparison
 from graspforce.compare.draw import draw_forces, draw_times
 from graspforce.compare.measure import Measured
-from graspforce.figures import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,7 +122,7 @@ def prepare(folder: Path) -> None:
             comparison.
         MissingExtraError: matplotlib is not installed.
     """
-    style.new_figure()
+    plot.new_figure()
     check_writable(make_folder(folder, "out") / NAME)
 
 
@@ -137,12 +137,12 @@ def write(found: Comparison, folder: Path, about: dict[str, Any]) -> None:
     Raises:
         OSError: a file cannot be written; what it held before is still there.
     """
-    with replacing(folder / NAME) as temporary:
+    with atomic_write(folder / NAME) as temporary:
         text = found.to_json(about)  # a file name may hold what UTF-8 has no bytes for
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
     for stem, picture in pictures(found).items():
-        with replacing(folder / f"{stem}.png") as temporary:
-            temporary.write_bytes(style.render(picture, "png"))
+        with atomic_write(folder / f"{stem}.png") as temporary:
+            temporary.write_bytes(plot.render(picture, "png"))
 
 
 def pictures(found: Comparison) -> dict[str, Figure]:

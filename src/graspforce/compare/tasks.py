@@ -24,25 +24,25 @@ class Task:
     Attributes:
         name: of the scenario or the file.
         problems: T of them.
-        t: when each tick is, shape (T,) [s]; None for a file, whose grasps follow in no time.
+        t: when each tick is, shape (T,) [s]; None for the grasps of a file.
     """
 
     name: str
     problems: tuple[ForceProblem, ...]
     t: Array | None
 
-    def some(self, most: int | None) -> NDArray[np.int64]:
-        """Return the indices of all problems, or of ``most`` of them, even over the whole.
+    def subset(self, limit: int | None) -> NDArray[np.int64]:
+        """Return the indices of all problems, or of ``limit`` of them, even over the whole.
 
         Of ticks they are pairs of neighbours, because a jump needs two, and beside those the
         pairs between which a contact leaves or returns.
         """
         total = len(self.problems)
-        if most is None or most >= total:
+        if limit is None or limit >= total:
             return np.arange(total)
         if self.t is None:
-            return np.linspace(0, total - 1, most).astype(np.int64)
-        first = np.linspace(0, total - 2, max(1, most // 2)).astype(np.int64)
+            return np.linspace(0, total - 1, limit).astype(np.int64)
+        first = np.linspace(0, total - 2, max(1, limit // 2)).astype(np.int64)
         there = np.array([problem.active for problem in self.problems])
         changes = np.flatnonzero((np.diff(there.astype(int), axis=0) != 0).any(axis=1))
         first = np.concatenate((first, changes))

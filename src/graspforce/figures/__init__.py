@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
+from graspforce._util.claim import Claim
 from graspforce.figures import (
     fig04_normal_forces_alpha,
     fig05_residuals_alpha,
@@ -27,7 +28,6 @@ from graspforce.figures import (
     fig12_newton_steps,
     grasp_picture,
 )
-from graspforce.figures.claim import Claim
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspforce._arrays import Array
+from graspforce._util import plot
+from graspforce._util.claim import Claim
 from graspforce.figures import style
-from graspforce.figures.claim import Claim
 from graspforce.scenarios import AlphaSweep
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def draw(shown: Data) -> Figure:
             (shown.friction_normalised, "friction residual r$_f$"),
         )
     ):
-        style.plot_line(axes, shown.alpha, values, style.FINGERS[i], style.DASHES[i], label)
+        style.plot_line(axes, shown.alpha, values, plot.FINGERS[i], plot.DASHES[i], label)
     axes.set_ylim(0, 1.05)
-    style.legend_above(axes)
+    plot.legend_above(axes)
     return figure

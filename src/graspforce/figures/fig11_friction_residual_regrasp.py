@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from graspforce._arrays import Array
+from graspforce._util.claim import Claim
 from graspforce.figures import style
-from graspforce.figures.claim import Claim
 from graspforce.regrasp import is_removed
 from graspforce.scenarios import Log
 

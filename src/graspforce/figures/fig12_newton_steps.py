@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspforce._arrays import Array
+from graspforce._util import plot
+from graspforce._util.claim import Claim
 from graspforce.figures import style
-from graspforce.figures.claim import Claim
 from graspforce.scenarios import Log
 
 if TYPE_CHECKING:
@@ -83,18 +84,18 @@ def claims(shown: Data) -> list[Claim]:
 
 def draw(shown: Data) -> Figure:
     """Draw the figure: w_1 above, iterations below, one time axis."""
-    figure = style.new_figure(height=4.3)
+    figure = plot.new_figure(height=4.3)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.6))
-    style.dress(above, "", "w₁")
-    style.plot_line(above, shown.t, shown.engagement, style.FINGERS[0])
+    plot.style_axes(above, "", "w₁")
+    style.plot_line(above, shown.t, shown.engagement, plot.FINGERS[0])
     above.set_ylim(-0.08, 1.12)
     style.set_ticks(above, (0, 0.5, 1))
-    style.dress(below, "time [s]", "Newton iterations")
+    plot.style_axes(below, "time [s]", "Newton iterations")
     # The cold start is the first tick: its dot must not be cut by the axis.
     style.until_end(below, shown.t)
     below.set_xlim(left=-0.015)
     below.plot(
-        shown.t, shown.newton_steps, color=style.FINGERS[1], marker=".", markersize=4.5,
+        shown.t, shown.newton_steps, color=plot.FINGERS[1], marker=".", markersize=4.5,
         linewidth=0.6,
     )  # fmt: skip
     most = int(shown.newton_steps.max())
@@ -102,5 +103,5 @@ def draw(shown: Data) -> Figure:
     style.set_ticks(below, range(most + 1))
     for axes in (above, below):
         style.shade_absence(axes, shown.t, shown.engagement)
-    above.text(1.0, 0.5, "finger 1 away", ha="center", va="center", color=style.GREY)
+    above.text(1.0, 0.5, "finger 1 away", ha="center", va="center", color=plot.GREY)
     return figure

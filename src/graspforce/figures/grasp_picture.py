@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspforce._arrays import Array
+from graspforce._util import plot
 from graspforce.contact import PCWF
-from graspforce.figures import style
+from graspforce.errors import InvalidInputError
 from graspforce.scenarios import Scenario
 from graspforce.solve import solve
 
@@ -58,9 +59,20 @@ class Data:
 
 
 def data(scenario: Scenario, t: float = 0.0) -> Data:
-    """Return the picture's arrays: a scenario's grasp at time t [s], its forces solved."""
+    """Return the picture's arrays: a scenario's grasp at time t [s], its forces solved.
+
+    Raises:
+        InvalidInputError: a contact is no point contact with friction, whose cone is drawn.
+        InfeasibleGraspError: no force holds the grasp.
+    """
     state = scenario.state(t)
     contacts = scenario.contacts_at(t)
+    models = [each.model for each in contacts if isinstance(each.model, PCWF)]
+    if len(models) < len(contacts):
+        others = {type(each.model).__name__ for each in contacts} - {"PCWF"}
+        raise InvalidInputError(
+            f"scenario: got contacts of model {', '.join(sorted(others))}, expected PCWF alone"
+        )
     c = solve(scenario.problem(t), check=True).c.reshape(4, 3)
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     return Data(
@@ -69,7 +81,7 @@ def data(scenario: Scenario, t: float = 0.0) -> Data:
         points=np.array([contact.point for contact in contacts]),
         normals=np.array([contact.normal for contact in contacts]),
         forces=np.array([each.frame @ force for each, force in zip(contacts, c, strict=True)]),
-        mu=np.array([each.model.mu for each in contacts if isinstance(each.model, PCWF)]),
+        mu=np.array([model.mu for model in models]),
         palm=scenario.hand.half_width,
     )
 
@@ -138,7 +150,7 @@ def _facets(shown: Data) -> _Facets:
     for i, j in itertools.combinations(range(8), 2):
         if (i ^ j).bit_count() == 1:
             facets.tube((corners[i], corners[j]), (0.0005, 0.0005), "#a9822b", pieces=12)
-    for finger, colour in enumerate(style.FINGERS):
+    for finger, colour in enumerate(plot.FINGERS):
         base, knee, tip = shown.joints[finger]
         for centre, radius in ((base, _BASE), (knee, _KNEE), (tip, _TIP)):
             facets.ball(centre, radius, "#4d5966")
@@ -160,7 +172,7 @@ def _facets(shown: Data) -> _Facets:
 
 def draw(shown: Data) -> Figure:
     """Draw the picture."""
-    figure = style.new_figure(height=4.8, width=6.4)
+    figure = plot.new_figure(height=4.8, width=6.4)
     figure.set_layout_engine("none")  # the axes are invisible: let them fill the figure
     from matplotlib.patheffects import withStroke
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -175,7 +187,7 @@ def draw(shown: Data) -> Figure:
             list(quads), facecolors=colours, edgecolors=edges, linewidths=0.4, clip_on=False
         )
     )
-    for finger, colour in enumerate(style.FINGERS):
+    for finger, colour in enumerate(plot.FINGERS):
         size = float(np.linalg.norm(shown.forces[finger]))
         tail = shown.points[finger] - (_SCALE + 0.016 / size) * shown.forces[finger]
         axes.text(

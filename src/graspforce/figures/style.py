@@ -1,75 +1,32 @@
-"""One look for all figures: sizes, colours, axes, and how a figure becomes bytes.
-
-The only place, with the draw functions that call it, where matplotlib is touched, and through its
-objects alone: no pyplot, no global state, no display. The colours are Okabe and Ito's, which
-people with any colour vision tell apart; the dashes tell the fingers apart in black and white.
-"""
+"""What the figures of the paper are drawn with, beside the look that all plots share."""
 
 # matplotlib does not annotate its **kwargs.
 # pyright: reportUnknownMemberType=false
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce.errors import MissingExtraError
+from graspforce._util.plot import DASHES, FINGERS, GREY, INK, legend_above, new_figure, style_axes
 from graspforce.regrasp import is_removed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FINGERS = ("#0072b2", "#d55e00", "#009e73", "#b0569a")
-INK, GREY, LIGHT = "#1f2933", "#6b7785", "#dde2e8"
 WARNING = "#b3261e"
-
-DASHES: tuple[Any, ...] = ("-", (0, (6, 1.6)), (0, (5, 1.5, 1.2, 1.5)), (0, (1.6, 1.2)))
-_WIDTH, _HEIGHT = 7.0, 3.7  # [inch]
-
-
-def new_figure(height: float = _HEIGHT, width: float = _WIDTH) -> Figure:
-    """Return an empty figure with a canvas of its own.
-
-    Args:
-        height: [inch].
-        width: [inch].
-
-    Raises:
-        MissingExtraError: matplotlib is not installed.
-    """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("drawing figures", "matplotlib", "figures") from error
-    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def new_axes(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     """Return a figure with one pair of axes, labelled and dressed."""
     figure = new_figure()
     axes = figure.add_subplot()
-    dress(axes, x_label, y_label)
+    style_axes(axes, x_label, y_label)
     return figure, axes
-
-
-def dress(axes: Axes, x_label: str, y_label: str) -> None:
-    """Label the axes and take away what carries no information."""
-    axes.set_xlabel(x_label, color=INK)
-    axes.set_ylabel(y_label, color=INK)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(GREY)
-    axes.tick_params(colors=INK, which="both")
-    axes.grid(color=LIGHT, linewidth=0.7)
-    axes.set_axisbelow(True)
-    axes.margins(x=0)
 
 
 def alpha_axis(axes: Axes) -> None:
@@ -111,14 +68,6 @@ def plot_fingers(axes: Axes, x: Array, normal_forces: Array) -> None:
         plot_line(axes, x, forces, colour, dash, f"finger {finger}")
     axes.set_ylim(0, 1.08 * float(normal_forces.max()))
     legend_above(axes)
-
-
-def legend_above(axes: Axes) -> None:
-    """Put the legend in one row above the axes, where it covers no data."""
-    axes.legend(
-        loc="lower left", bbox_to_anchor=(0, 1), ncols=4, frameon=False, handlelength=3,
-        borderaxespad=0.2, labelcolor=INK,
-    )  # fmt: skip
 
 
 def plot_against_limit(axes: Axes, t: Array, max_torque: Array, limit: float) -> None:
@@ -168,7 +117,7 @@ def shade_absence(axes: Axes, t: Array, engagement: Array, label: str = "") -> N
     """
     away = is_removed(engagement)
     for when, opacity in (((engagement < 1) & ~away, 0.45), (away, 1.0)):
-        for start, end in _spans(t, when):
+        for start, end in _intervals(t, when):
             axes.axvspan(start, end, color="#e6eaef", alpha=opacity, linewidth=0, zorder=0)
     if label and away.any():
         low, high = axes.get_ylim()
@@ -179,7 +128,7 @@ def shade_absence(axes: Axes, t: Array, engagement: Array, label: str = "") -> N
         )  # fmt: skip
 
 
-def _spans(t: Array, when: np.ndarray[Any, np.dtype[np.bool_]]) -> list[tuple[float, float]]:
+def _intervals(t: Array, when: np.ndarray[Any, np.dtype[np.bool_]]) -> list[tuple[float, float]]:
     """Return the stretches of t where ``when`` is true, each up to the tick that ends it."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], when, [False])).astype(int)))
     last = len(t) - 1
@@ -187,18 +136,6 @@ def _spans(t: Array, when: np.ndarray[Any, np.dtype[np.bool_]]) -> list[tuple[fl
         (float(t[start]), float(t[min(end, last)]))
         for start, end in zip(edges[::2], edges[1::2], strict=True)
     ]
-
-
-def render(figure: Figure, kind: Literal["png", "svg", "pdf"]) -> bytes:
-    """Return the figure as a file's bytes; the same figure gives the same bytes."""
-    import matplotlib as mpl
-
-    buffer = io.BytesIO()
-    # An SVG's ids are hashes of its content and this salt, instead of random numbers.
-    with mpl.rc_context({"svg.hashsalt": "graspforce"}):
-        metadata = {"Date": None} if kind == "svg" else {}
-        figure.savefig(buffer, format=kind, dpi=200, metadata=metadata)
-    return buffer.getvalue()
 
 
 def set_ticks(axes: Axes, ticks: Sequence[float]) -> None:

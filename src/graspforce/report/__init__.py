@@ -22,11 +22,12 @@ from typing import Any, TypeAlias, cast
 import numpy as np
 
 from graspforce import compare, scenarios
-from graspforce._util.atomic import check_writable, make_folder, replacing
+from graspforce._util import plot
+from graspforce._util.atomic import atomic_write, check_writable, make_folder
+from graspforce._util.environment import describe_run
 from graspforce.compare import output
-from graspforce.figures import FIGURES, PaperFigure, grasp_picture, style
+from graspforce.figures import FIGURES, PaperFigure, grasp_picture
 from graspforce.outcome import Status
-from graspforce.report.machine import describe_run
 from graspforce.report.page import EQUATIONS, template
 from graspforce.report.timing import measure_times, time_claims
 from graspforce.scenarios import Log
@@ -57,8 +58,8 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
         OSError: a file cannot be written; what it held before is still there.
         MissingExtraError: matplotlib, jinja2, mujoco or imageio is not installed.
     """
-    tell = progress or _say_nothing
-    style.new_figure()  # a missing extra is found before the work, and before a folder is made
+    report = progress or _no_progress
+    plot.new_figure()  # a missing extra is found before the work, and before a folder is made
     page = template()
     from graspforce.report import physics  # needs MuJoCo, which may be the next to be missing
 
@@ -66,13 +67,13 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
     for name in ("results.json", "report.html"):
         check_writable(folder / name)
 
-    logs = {name: _run(name, tell) for name in scenarios.NAMES}
+    logs = {name: _run(name, report) for name in scenarios.NAMES}
     sweep = scenarios.sweep_alpha()
-    times = measure_times(logs["dynamic"], logs["regrasp"], tell)
-    simulated, images = physics.simulate(tell)
+    times = measure_times(logs["dynamic"], logs["regrasp"], report)
+    simulated, images = physics.simulate(report)
     sources: dict[str, Any] = {**logs, "sweep": sweep}
     compared = compare.compare(
-        COMPARED, progress=lambda task, done, total: tell(f"methods: {task}", done, total)
+        COMPARED, progress=lambda task, done, total: report(f"methods: {task}", done, total)
     )
     results: dict[str, Any] = {
         **describe_run(),
@@ -83,21 +84,21 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
         "figures": {},
     }
     for name, image in images.items():
-        _write(folder / name, image)
+        _write_bytes(folder / name, image)
     total = len(FIGURES) + 1
     for done, figure in enumerate(FIGURES):
-        tell("figures", done, total)
-        results["figures"][str(figure.NUMBER)] = _make(figure, sources, folder, images)
-    tell("figures", total - 1, total)
+        report("figures", done, total)
+        results["figures"][str(figure.NUMBER)] = _write_figure(figure, sources, folder, images)
+    report("figures", total - 1, total)
     picture = grasp_picture.draw(grasp_picture.data(logs["static"].scenario))
-    images["grasp.png"] = _write(folder / "grasp.png", style.render(picture, "png"))
+    images["grasp.png"] = _write_bytes(folder / "grasp.png", plot.render(picture, "png"))
 
     for stem, picture in output.pictures(compared).items():
         name = f"methods_{stem}.svg"
-        images[name] = _write(folder / name, style.render(picture, "svg"))
+        images[name] = _write_bytes(folder / name, plot.render(picture, "svg"))
 
-    results = _plain(results)
-    _write(folder / "results.json", _json(results).encode())
+    results = json_types(results)
+    _write_bytes(folder / "results.json", json_text(results).encode())
     html = page.render(
         results=results,
         time_claims=time_claims(times),
@@ -116,18 +117,18 @@ def reproduce(out: str | Path, progress: Progress | None = None) -> Path:
         c_max=logs["regrasp"].scenario.c_max,
         tol=Settings().tol,
     )
-    _write(folder / "report.html", html.encode())
-    tell("figures", total, total)
+    _write_bytes(folder / "report.html", html.encode())
+    report("figures", total, total)
     return folder / "report.html"
 
 
 # ---- the runs ----------------------------------------------------------------------------------
 
 
-def _run(name: str, tell: Progress) -> Log:
+def _run(name: str, progress: Progress) -> Log:
     scenario = scenarios.get(name)
     total = len(scenario.times)
-    return scenarios.run(scenario, progress=lambda tick: tell(name, tick + 1, total))
+    return scenarios.run(scenario, progress=lambda tick: progress(name, tick + 1, total))
 
 
 def _summary(log: Log) -> dict[str, Any]:
@@ -157,15 +158,15 @@ def _summary(log: Log) -> dict[str, Any]:
     }
 
 
-def _make(
+def _write_figure(
     figure: PaperFigure, sources: dict[str, Any], folder: Path, images: dict[str, bytes]
 ) -> dict[str, Any]:
     """Write a figure's files and return its entry of ``results.json``."""
     shown = figure.data(sources[figure.SOURCE])
     drawn = figure.draw(shown)
     stem = figure.__name__.rpartition(".")[2]
-    _write(folder / f"{stem}.png", style.render(drawn, "png"))
-    images[f"{stem}.svg"] = _write(folder / f"{stem}.svg", style.render(drawn, "svg"))
+    _write_bytes(folder / f"{stem}.png", plot.render(drawn, "png"))
+    images[f"{stem}.svg"] = _write_bytes(folder / f"{stem}.svg", plot.render(drawn, "svg"))
     return {
         "title": figure.TITLE,
         "source": figure.SOURCE,
@@ -178,30 +179,30 @@ def _make(
 # ---- what is written ---------------------------------------------------------------------------
 
 
-def _plain(value: Any) -> Any:
+def json_types(value: Any) -> Any:
     """Return ``value`` in JSON's types; a number that is not finite becomes None."""
     if isinstance(value, dict):
-        return {name: _plain(each) for name, each in cast("dict[str, Any]", value).items()}
+        return {name: json_types(each) for name, each in cast("dict[str, Any]", value).items()}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in cast("list[Any]", value)]
+        return [json_types(each) for each in cast("list[Any]", value)]
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
+        return json_types(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
 
 
-def _json(results: dict[str, Any]) -> str:
+def json_text(results: dict[str, Any]) -> str:
     """Return the results as JSON, indented, each innermost list on one line."""
     text = json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False)
     return re.sub(r"\[\s+[^][{}\"]*\]", lambda found: " ".join(found[0].split()), text) + "\n"
 
 
-def _write(path: Path, content: bytes) -> bytes:
-    with replacing(path) as temporary:
+def _write_bytes(path: Path, content: bytes) -> bytes:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(content)
     return content
 
 
-def _say_nothing(stage: str, done: int, total: int) -> None:
-    """Serve as the progress of who asked for none."""
+def _no_progress(stage: str, done: int, total: int) -> None:
+    """Take the progress where nobody asked for it."""

@@ -20,11 +20,11 @@ from graspforce.outcome import Status
 _SCENES: tuple[tuple[str, float], ...] = (("hold", 1.0), ("circle", 0.24), ("regrasp", 1.0))
 
 
-def simulate(tell: Callable[[str, int, int], None]) -> tuple[dict[str, Any], dict[str, bytes]]:
+def simulate(progress: Callable[[str, int, int], None]) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Run the paper's scenes in physics.
 
     Args:
-        tell: called with the stage, how much of it is done and its total.
+        progress: called with the stage, how much of it is done and its total.
 
     Returns:
         Results of every scene by name, and the pictures as PNGs by file name. Where there is no
@@ -38,7 +38,7 @@ def simulate(tell: Callable[[str, int, int], None]) -> tuple[dict[str, Any], dic
     for name, moment in _SCENES:
         (trial,) = sim.get(name)
         stage = f"physics: {name}"
-        log = sim.run(trial, lambda tick, s=stage, n=trial.ticks: tell(s, tick + 1, n))
+        log = sim.run(trial, lambda tick, s=stage, n=trial.ticks: progress(s, tick + 1, n))
         results["scenes"][name] = _summary(trial, log)
         try:
             pictures[f"physics_{name}.png"] = _still(trial, log, moment)

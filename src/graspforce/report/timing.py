@@ -6,18 +6,20 @@ tick of every pass is counted like any other.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce.figures import Claim
+from graspforce._util.claim import Claim
+from graspforce._util.clock import Pair, hot, no_op
+from graspforce.bench.own import steps
 from graspforce.problem import ForceProblem
 from graspforce.regrasp import is_removed
 from graspforce.scenarios import Log
-from graspforce.servo import Servo
+from graspforce.solution import Solution
 from graspforce.solve import solve
 
 # How often the ticks of a scenario are timed: enough for a steady 99th percentile.
@@ -25,21 +27,22 @@ PASSES = 10
 
 
 def measure_times(
-    dynamic: Log, regrasp: Log, tell: Callable[[str, int, int], None]
+    dynamic: Log, regrasp: Log, progress: Callable[[str, int, int], None]
 ) -> dict[str, Any]:
     """Return mean and percentiles of ticks and cold solves of two scenarios [µs].
 
     Args:
         dynamic: log of the scenario with four fingers throughout.
         regrasp: log of the scenario in which one of them is away for a while.
-        tell: called with the stage, how much of it is done and its total.
+        progress: called with the stage, how much of it is done and its total.
     """
     problems = list(dynamic.scenario.problems())
     away = is_removed(regrasp.engagement).any(axis=1)
     whole = (regrasp.engagement == 1).all(axis=1)
-    ticks = _tick_times(problems, "timing four fingers", tell)
-    changing = _tick_times(list(regrasp.scenario.problems()), "timing the regrasp", tell)
-    cold = np.array([_timed(lambda problem=problem: solve(problem).c) for problem in problems])
+    ticks = _tick_times(problems, "timing four fingers", progress)
+    changing = _tick_times(list(regrasp.scenario.problems()), "timing the regrasp", progress)
+    solves: list[Pair] = [(no_op, _reading(partial(solve, problem))) for problem in problems]
+    cold = hot(solves, rounds=1, warm_up=False)
     return {
         "passes": PASSES,
         "dynamic, every tick [us]": _percentiles(ticks),
@@ -50,28 +53,20 @@ def measure_times(
 
 
 def _tick_times(
-    problems: list[ForceProblem], stage: str, tell: Callable[[str, int, int], None]
+    problems: list[ForceProblem], stage: str, progress: Callable[[str, int, int], None]
 ) -> Array:
     """Return the time of every tick, ``servo.step`` and the reading of c; (passes, T) [µs]."""
-    ceilings = problems[0].layout.ceilings
     times = np.empty((PASSES, len(problems)))
     for index in range(PASSES):
-        servo = Servo(problems[0])
-        for tick, problem in enumerate(problems):
-            # A controller's own arrays, made for this tick.
-            W, J, f = problem.W.copy(), problem.J.copy(), problem.f.copy()
-            engagement = problem.engagement.copy() if ceilings else None
-            start = time.perf_counter_ns()
-            _ = servo.step(f=f, W=W, J=J, engagement=engagement).c
-            times[index, tick] = (time.perf_counter_ns() - start) / 1e3
-        tell(stage, index + 1, PASSES)
+        ticks = [(before, _reading(step)) for before, step in steps(problems)]  # of a new Servo
+        times[index] = hot(ticks, rounds=1, warm_up=False)
+        progress(stage, index + 1, PASSES)
     return times
 
 
-def _timed(call: Callable[[], object]) -> float:
-    start = time.perf_counter_ns()
-    call()
-    return (time.perf_counter_ns() - start) / 1e3
+def _reading(solve: Callable[[], Solution]) -> Callable[[], Array]:
+    """Return a function that solves and reads the forces."""
+    return lambda: solve().c
 
 
 def _percentiles(times: Array) -> dict[str, float]:

@@ -18,8 +18,8 @@ from graspforce.hands.paper import PaperHand
 from graspforce.regrasp import Release
 from graspforce.sim import parts
 from graspforce.sim.engine import mj
-from graspforce.sim.motions import Screw
 from graspforce.sim.trial import Gains, Grip, Step, Trial
+from graspforce.trajectory import Screw
 
 HAND = PaperHand("radial")
 RADIUS = 0.03  # of the globe [m]

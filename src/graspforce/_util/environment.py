@@ -1,4 +1,4 @@
-"""What the times in a report depend on."""
+"""What measured times depend on: the machine and the versions."""
 
 from __future__ import annotations
 
@@ -42,10 +42,8 @@ def _versions(packages: Iterable[str]) -> dict[str, str]:
 
 def describe_run() -> dict[str, Any]:
     """Return what a file of results begins with: version, date and time in UTC, machine."""
-    import graspforce
-
     return {
-        "graspforce": graspforce.__version__,
+        "graspforce": _versions(("graspforce",)).get("graspforce", "not installed"),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": describe_machine(),
     }

@@ -6,10 +6,12 @@ import gc
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspforce._arrays import Array
+if TYPE_CHECKING:
+    from graspforce._arrays import Array
 
 Call = Callable[[], object]
 Pair = tuple[Call, Call]  # what comes before and is not timed, and what is
@@ -17,16 +19,19 @@ Pair = tuple[Call, Call]  # what comes before and is not timed, and what is
 _now = time.perf_counter_ns
 
 
-def nothing() -> None:
-    """Do nothing: what may come before a call."""
+def no_op() -> None:
+    """Do nothing: for a call that needs nothing before it."""
 
 
-def hot(pairs: Sequence[Pair], rounds: int) -> Array:
-    """Return the times of calls that follow one another at once [µs].
+def hot(pairs: Sequence[Pair], rounds: int, warm_up: bool = True) -> Array:
+    """Return the times of calls that follow one another at once, shape (rounds·pairs,) [µs].
 
-    The first round warms up and does not count.
+    Args:
+        pairs: the calls, in this order.
+        rounds: how often all of them are made.
+        warm_up: make them once more before, which does not count.
     """
-    times = np.empty((rounds + 1, len(pairs)))
+    times = np.empty((rounds + warm_up, len(pairs)))
     with _no_collection():
         for row in times:
             for index, (before, call) in enumerate(pairs):
@@ -34,14 +39,13 @@ def hot(pairs: Sequence[Pair], rounds: int) -> Array:
                 start = _now()
                 call()
                 row[index] = _now() - start
-    return (times[1:].ravel() - _clock_time()) / 1e3
+    return (times[warm_up:].ravel() - _clock_time()) / 1e3
 
 
 def paced(pairs: Sequence[Pair], rate: float, ticks: int) -> Array:
     """Return the times of calls that come at a rate [1/s], as in a control loop [µs].
 
-    The processor does something else in between (it waits), so caches and clock are as a
-    controller finds them.
+    The processor waits in between, so its caches and its frequency are those of a control loop.
     """
     times = np.empty(ticks)
     period = 1e9 / rate
