@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce.contact import PCWF
 from graspforce.figures import style
 from graspforce.scenarios import Scenario
 from graspforce.solve import solve
@@ -69,7 +68,7 @@ def data(scenario: Scenario, t: float = 0.0) -> Data:
         points=np.array([contact.point for contact in contacts]),
         normals=np.array([contact.normal for contact in contacts]),
         forces=np.array([each.frame @ force for each, force in zip(contacts, c, strict=True)]),
-        mu=np.array([each.model.mu for each in contacts if isinstance(each.model, PCWF)]),
+        mu=np.array([each.model.mu for each in contacts]),
         palm=scenario.hand.half_width,
     )
 
