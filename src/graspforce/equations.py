@@ -125,7 +125,7 @@ class Cones(NamedTuple):
     Attributes:
         dims: components of each contact, n of 1, 3 or 4; the same for a whole batch.
         scaling: of normal force, x, y and torsion, shape (n, 4); see
-            :func:`graspforce.contact.cone_scalings`. Zero for components that there are not.
+            :func:`graspforce.contact.cone_scalings`.
     """
 
     dims: tuple[int, ...]
@@ -134,7 +134,7 @@ class Cones(NamedTuple):
     @classmethod
     def of(cls, dims: tuple[int, ...], mu: Array, gamma: Array) -> Cones:
         """Make the cones from coefficients of shape (n,), mu [-] and gamma [m]."""
-        return cls(dims, np.where(_places(dims).present, cone_scalings(mu, gamma), 0.0))
+        return cls(dims, cone_scalings(mu, gamma))
 
     @classmethod
     def of_models(cls, models: Sequence[ContactModel]) -> Cones:
@@ -531,9 +531,8 @@ def dual_margins(e: Array, cones: Cones) -> Array:
     Returns:
         Shape (n,), in the unit of e; not negative where e·c_i ≥ 0 for all c_i in the cone.
     """
-    scale = np.where(cones.scaling == 0, 1.0, cones.scaling)
     y = by_contact(e, cones.dims)
-    return y[..., 0] - scale[..., 0] * _radius(y / scale)
+    return y[..., 0] - cones.scaling[..., 0] * _radius(y / cones.scaling)
 
 
 def _radius(s: Array) -> Array:
