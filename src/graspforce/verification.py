@@ -15,7 +15,7 @@ import numpy as np
 from graspforce import equations
 from graspforce._arrays import Array
 from graspforce.certificate import Certificate
-from graspforce.equations import RUNAWAY
+from graspforce.equations import RUNAWAY, Barriers
 from graspforce.outcome import Outcome, Status
 from graspforce.phase_one import find_inside
 from graspforce.problem import ForceProblem
@@ -50,7 +50,12 @@ class Verification:
 
 
 def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
-    """Judge what a solver says of a problem; see :meth:`graspforce.Solution.verify`."""
+    """Judge what a solver says of a problem; see :meth:`graspforce.Solution.verify`.
+
+    Args:
+        outcome: its status, forces, multipliers, bound, violation and certificate.
+        problem: what it was asked.
+    """
     kept = problem.active_components
     inner, whole, c = problem.restricted(), outcome.c, outcome.c[kept]
     barriers = inner.barriers
@@ -65,13 +70,13 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
         sound = (
             np.isfinite(whole).all() and np.isfinite(outcome.nu).all() and not whole[~kept].any()
         )
-        holds = None
+        holds = _proved(outcome, problem)
         match Status(outcome.status):
             case Status.SOLVED:
                 ok = inside and _balanced(whole, problem)
             case Status.INFEASIBLE:
-                holds = _proved(outcome, problem)
-                ok = bool(holds) and _admits(c, inner, outcome.violation)
+                scales = inner.violation_scales()
+                ok = bool(holds) and _admitted(c, barriers, scales, outcome.violation)
             case Status.WRENCH_UNREACHABLE:
                 ok = not equations.wrench_reachable(inner.W, inner.f)
             case Status.UNBOUNDED:
@@ -98,14 +103,12 @@ def _proved(outcome: Outcome, problem: ForceProblem) -> bool | None:
     return Certificate(y, z[problem.counted_limits()]).proves_infeasible(problem)
 
 
-def _admits(c: Array, problem: ForceProblem, violation: float) -> bool:
-    """Whether limits that are moved out by a relative violation admit the forces."""
-    scales = problem.violation_scales()
-    A, b = problem.barriers.A, problem.barriers.b
-    rounding = 64 * np.finfo(float).eps * (np.abs(A) @ np.abs(c) + np.abs(b))
-    most = float((rounding / scales[0]).max(initial=0.0))
-    found = equations.relative_violation(c, problem.barriers, scales)
-    return bool(found <= (1 + BOUND_TOLERANCE) * violation + most)
+def _admitted(c: Array, barriers: Barriers, scales: tuple[Array, Array], violation: float) -> bool:
+    """Whether cones and limits that are moved out by a relative violation admit the forces."""
+    A, b = np.abs(barriers.A), np.abs(barriers.b)
+    rounding = 64 * np.finfo(float).eps * ((A @ np.abs(c) + b) / scales[0]).max(initial=0.0)
+    found = equations.relative_violation(c, barriers, scales)
+    return bool(found <= (1 + BOUND_TOLERANCE) * violation + rounding)
 
 
 def _boundless(problem: ForceProblem) -> bool:
