@@ -1,10 +1,13 @@
 // Tests of the core by itself: what Python cannot see from outside, or would hide.
 #include <cmath>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "expect.hpp"
 #include "graspforce/engine.hpp"
+#include "graspforce/validity.hpp"
+#include "judge.hpp"
 
 using namespace graspforce;
 
@@ -179,15 +182,47 @@ static void a_solve_between_ticks_leaves_no_numbers_behind() {
   for (int c = 0; c < 12; ++c) EXPECT(engine.forces()[c] == alone.forces()[c]);
 }
 
+// Numbers of any size: a verdict that an independent judge bears out, and finite forces with it.
 static void nonsense_gets_a_status() {
   for (double size : {1e-300, 1e-200, 1e-30, 1e30, 1e200, 1e300}) {
     Cube cube(true);
     for (double& value : cube.packed) value *= size;
     for (int i = 0; i < 4; ++i) cube.at(&Problem::engagement)[i] = 1;
+    EXPECT(!find_flaw(cube.layout, cube.packed.data()));
     Engine engine(cube.layout);
     const Result result = engine.solve(cube.packed.data(), {1e-9, 50});
-    if (result.status == Status::Solved)
-      for (int c = 0; c < 12; ++c) EXPECT(std::isfinite(engine.forces()[c]));
+    const Judge judge(cube.layout, cube.packed.data());
+    EXPECT(judge.find_fault(engine, result) == nullptr);
+  }
+}
+
+// One number out of its range, wherever it stands, is a flaw that is named.
+static void a_number_out_of_range_is_named() {
+  Cube cube(true);
+  EXPECT(!find_flaw(cube.layout, cube.packed.data()));
+  each_field(cube.layout, [&](const Field& field) {
+    for (int k = 0; k < int(field.size()); ++k) {
+      double& number = cube.packed[field.offset + k];
+      const double before = number;
+      auto refused = [&](double bad) {
+        number = bad;
+        const Flaw flaw = find_flaw(cube.layout, cube.packed.data());
+        EXPECT(flaw && std::string(flaw.field) == field.name && flaw.expected != nullptr);
+        EXPECT(flaw.row * field.columns + flaw.column == k);
+      };
+      refused(kInfinity);
+      refused(std::nan(""));
+      if (field.range == Range::Share) refused(1.5);
+      if (field.range != Range::Finite) refused(-1);
+      if (field.range == Range::Positive) refused(0);
+      number = before;
+    }
+  });
+  for (auto field : {&Problem::mu, &Problem::gamma, &Problem::alpha}) {
+    const double before = cube.at(field)[0];
+    cube.at(field)[0] = 0;  // whatever the table of fields says of their ranges
+    EXPECT(find_flaw(cube.layout, cube.packed.data()));
+    cube.at(field)[0] = before;
   }
 }
 
@@ -200,5 +235,6 @@ int main() {
   infeasible_ticks_are_proved_and_forgotten();
   a_solve_between_ticks_leaves_no_numbers_behind();
   nonsense_gets_a_status();
+  a_number_out_of_range_is_named();
   return verdict("core");
 }

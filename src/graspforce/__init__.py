@@ -27,12 +27,9 @@ from graspforce.contact import FPC, PCWF, SFC, Contact
 from graspforce.errors import (
     GraspForceError,
     GraspForceWarning,
-    InfeasibleGraspError,
     InvalidInputError,
     MissingExtraError,
     ModelImportError,
-    NotConvergedError,
-    SolveError,
 )
 from graspforce.grasp import Grasp
 from graspforce.grasp_map import grasp_map
@@ -40,7 +37,13 @@ from graspforce.outcome import Start, Status
 from graspforce.problem import ForceProblem
 from graspforce.servo import Servo
 from graspforce.settings import Settings
-from graspforce.solution import Solution, Verification
+from graspforce.solution import (
+    InfeasibleGraspError,
+    NotConvergedError,
+    Solution,
+    SolveError,
+    Verification,
+)
 from graspforce.solve import solve
 
 if TYPE_CHECKING:

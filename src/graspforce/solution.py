@@ -7,44 +7,39 @@ problem's data and the forces alone, never from what the solver claims.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
 
-from graspforce import reference
+from graspforce import equations
 from graspforce._arrays import Array, require_instance, signless
 from graspforce.certificate import Certificate
 from graspforce.contact import UNIT_TOLERANCE
-from graspforce.errors import InfeasibleGraspError, InvalidInputError, NotConvergedError
+from graspforce.errors import GraspForceError, InvalidInputError
 from graspforce.layout import Layout
 from graspforce.outcome import Outcome, PlainOutcome, Start, Status, TickOutcome
 from graspforce.problem import ForceProblem
-
-# SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
-WRENCH_TOLERANCE = 1e-9
+from graspforce.verification import Verification, verify
 
 
-@dataclass(frozen=True, slots=True)
-class Verification:
-    """What :meth:`Solution.verify` recomputed from the data, and whether it bears out the status.
+class SolveError(GraspForceError):
+    """A solution was required to be SOLVED and is not; ``solution`` holds what was found."""
 
-    Attributes:
-        ok: the numbers below confirm the status.
-        wrench_error: largest |W c − f| [N, N·m].
-        friction_margin: smallest of the friction margins [N].
-        limit_margin: smallest slack of the linear limits, in each limit's own unit.
-        decrement: Newton decrement of Phi / min(1, alpha) at c, from NumPy; inf outside.
-        certificate_holds: the certificate proves infeasibility; None when there is none.
-    """
+    def __init__(self, solution: Solution) -> None:
+        super().__init__(f"{solution.status.name}: {solution.message}")
+        self.solution = solution
 
-    ok: bool
-    wrench_error: float
-    friction_margin: float
-    limit_margin: float
-    decrement: float
-    certificate_holds: bool | None
+    def __reduce__(self) -> tuple[type[SolveError], tuple[Solution]]:
+        """Pickle by the solution: the text is derived from it."""
+        return (type(self), (self.solution,))
+
+
+class InfeasibleGraspError(SolveError):
+    """No contact force gives the wrench within the cones and limits."""
+
+
+class NotConvergedError(SolveError):
+    """The solver stopped before it could certify an answer."""
 
 
 class Solution:
@@ -77,7 +72,7 @@ class Solution:
         """Contact forces in the contact frames, shape (m,) [N, N·m].
 
         Strictly inside every limit when SOLVED; the force of least violation when INFEASIBLE;
-        zero when WRENCH_UNREACHABLE or UNBOUNDED without any limit.
+        zero when WRENCH_UNREACHABLE or UNBOUNDED.
         """
         return self._outcome.c
 
@@ -118,10 +113,7 @@ class Solution:
         With the decrement bounded by λ₁ < 1, a standard self-concordant function is within
         −λ₁ − ln(1 − λ₁) of its minimum.
         """
-        bound = self._outcome.decrement
-        if not bound < 1:
-            return math.inf
-        return min(1.0, self.problem.alpha) * (-bound - math.log1p(-bound))
+        return min(1.0, self.problem.alpha) * equations.suboptimality(self._outcome.decrement)
 
     @property
     def violation(self) -> float:
@@ -188,12 +180,13 @@ class Solution:
     @property
     def phi(self) -> float:
         """The objective Phi(c) of Eq. (16); inf outside the limits."""
-        return reference.objective(self.c, self.problem)
+        inner = self.problem.restricted()
+        return float(equations.objective(self.c[self.problem.active_components], inner.barriers))
 
     @property
     def tau(self) -> Array:
         """Joint torques J.T c + tau_bias, shape (n_joints,) [N·m]; empty without J."""
-        return self.problem.J.T @ self.c + self.problem.tau_bias
+        return equations.joint_torques(self.c, self.problem.J, self.problem.tau_bias)
 
     @property
     def normal_forces(self) -> Array:
@@ -212,18 +205,20 @@ class Solution:
             InvalidInputError: W is not the grasp map of a body in space, the contacts' axes in
                 its first three rows.
         """
-        problem, c = self.problem, self.c
+        problem, dims = self.problem, self.problem.layout.dims
         forces = np.zeros((problem.n, 3))
-        for i, (start, end) in enumerate(pairwise(problem.starts)):
-            axes = problem.W[:3, start:end]
-            orthonormal = np.diag([1.0, 1.0, 1.0, 0.0][: end - start])  # torsion is no force
+        parts = zip(
+            equations.split(problem.W[:3], dims), equations.split(self.c, dims), strict=True
+        )
+        for i, (axes, c) in enumerate(parts):
+            orthonormal = np.diag([1.0, 1.0, 1.0, 0.0][: len(c)])  # torsion is no force
             off = np.abs(axes.T @ axes - orthonormal).max()
             if len(problem.W) < 6 or off > UNIT_TOLERANCE:
                 raise InvalidInputError(
                     f"forces_world: got W of shape {problem.W.shape} whose first three rows are "
                     f"not the axes of contact {i}, expected what grasp_map returns"
                 )
-            forces[i] = axes @ c[start:end]
+            forces[i] = axes @ c
         return forces
 
     @property
@@ -233,23 +228,15 @@ class Solution:
         FPC: the normal force. SFC: the torsion counts as (mu/gamma)·torsion. A contact that is
         out of the grasp has none to lose: inf.
         """
-        margins = reference.friction_margins(self.c, self.problem.models)
+        margins = equations.friction_margins(self.c, self.problem.cones)
         return np.where(self.problem.active, margins, np.inf)
 
     @property
     def friction_residual(self) -> float:
         """r_f of Eq. (22) over the contacts in the grasp [N²]; inf when there is none."""
-        problem = self.problem
-        parts = [
-            (self.c[problem.starts[i] : problem.starts[i + 1]], model)
-            for i, model in enumerate(problem.models)
-            if problem.active[i]
-        ]
-        if not parts:
-            return math.inf
-        return reference.friction_residual(
-            np.concatenate([c for c, _ in parts]), [model for _, model in parts]
-        )
+        inner = self.problem.restricted()
+        c = self.c[self.problem.active_components]
+        return float(equations.friction_residual(c, inner.cones))
 
     @property
     def torque_margins(self) -> Array:
@@ -258,7 +245,7 @@ class Solution:
         A joint that feels only contacts that are out of the grasp has left with them: inf.
         """
         problem, tau = self.problem, self.tau
-        margins = np.minimum(problem.tau_hi - tau, tau - problem.tau_lo)
+        margins = equations.torque_margins(tau, problem.tau_lo, problem.tau_hi)
         return np.where(problem.counted_limits()[: len(tau)], margins, np.inf)
 
     @property
@@ -269,32 +256,29 @@ class Solution:
     @property
     def wrench_error(self) -> float:
         """Largest |W c − f| [N, N·m]."""
-        return float(np.abs(self.problem.W @ self.c - self.problem.f).max())
+        return float(equations.wrench_error(self.c, self.problem.W, self.problem.f))
 
     def verify(self) -> Verification:
-        """Recompute every residual from the problem's data and judge the status by them."""
-        problem, c = self.problem, self.c
-        A, b = problem.linear_limits()
-        wrench_error = self.wrench_error
-        friction = float(self.friction_margins.min())
-        limits = float((b - A @ c).min(initial=math.inf))
-        inside = friction > 0 and limits > 0
-        decrement, error = reference.decrement_and_error(c, problem) if inside else (math.inf, 0.0)
-        certificate = self.certificate
-        holds = None if certificate is None else certificate.proves_infeasible(problem)
-        scale = max(np.abs(problem.f).max(), (np.abs(problem.W) @ np.abs(c)).max())
-        balanced = wrench_error <= WRENCH_TOLERANCE * scale
-        match self.status:
-            case Status.SOLVED:
-                certified = (1 + 1e-6) * self._outcome.decrement + error
-                ok = bool(inside and balanced and decrement <= certified)
-            case Status.INFEASIBLE:
-                ok = bool(holds)
-            case Status.WRENCH_UNREACHABLE:
-                ok = not reference.wrench_reachable(problem)
-            case _:
-                ok = True
-        return Verification(ok, wrench_error, friction, limits, decrement, holds)
+        """Recompute every residual from the problem's data and judge the status by them.
+
+        ``ok`` always takes finite forces and multipliers, no force of a contact that is out of the
+        grasp, and a Newton decrement at c, computed in NumPy, of at most ``decrement`` wherever
+        that is finite: but for 1e-6 of it and for what the rounding of c and W may have moved.
+        Besides, by status:
+
+        * SOLVED: c is strictly inside every cone and limit, and W c = f holds to 1e-9 of the
+          wrenches that add up to f.
+        * INFEASIBLE: the certificate proves it, and limits moved out by ``violation`` admit c.
+        * WRENCH_UNREACHABLE: f is out of the range of W by more than 1e-9.
+        * UNBOUNDED: the problem has no limits but floors; or there are forces, found here and not
+          by the solver, with W c = f, strictly inside every cone and limit, and 1e6 times as
+          large as what the limits are made for (the largest bound over the largest entry of its
+          row, or the wrench).
+        * MAX_STEPS and STALLED claim no more than that their numbers hold.
+        * INVALID_NUMBERS: the problem has numbers beyond 1e±60, whose products leave double
+          precision.
+        """
+        return verify(self._outcome, self.problem)
 
     def __repr__(self) -> str:
         return (

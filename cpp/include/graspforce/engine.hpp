@@ -357,6 +357,7 @@ class Engine {
         primal_dual_.get_forces(c_.data());
         barrier.set_forces(c_.data());
         if (barrier.inside()) wrench_error_ = barrier.wrench_error();
+        result_.decrement = kInfinity;  // what was known was of other forces
       }
       result_.violation = std::isfinite(phase.violation) ? phase.violation : 0;
       result_.status = phase.end == End::Infeasible ? Status::Infeasible

@@ -11,19 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from graspforce import reference
+from graspforce import equations
 from graspforce._arrays import Array, as_integer, require_instance
-from graspforce.contact import ContactModel, contact_starts
+from graspforce.contact import ContactModel
+from graspforce.equations import Barriers
 from graspforce.outcome import PlainOutcome, Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
-
-# Components of a soft finger's force, the torsion last.
-SFC_DIM = 4
-# Products of a few numbers above this overflow in double precision.
-LARGEST = 1e60
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,72 +27,55 @@ class Active:
 
     Attributes:
         problem: the whole problem.
-        kept: which components of the whole c are left.
-        models: the contacts' models, n of them.
-        W: grasp map, shape (k, m).
-        A: every linear limit A c ≤ b, shape (v, m).
+        inner: it without them.
+        A: its linear limits A c ≤ b, shape (v, m).
         b: shape (v,).
     """
 
     problem: ForceProblem
-    kept: NDArray[np.bool_]
-    models: tuple[ContactModel, ...]
-    W: Array
+    inner: ForceProblem
     A: Array
     b: Array
 
     @classmethod
     def of(cls, problem: ForceProblem) -> Active:
         """Take the removed contacts out."""
-        there = problem.active
-        kept = np.repeat(there, problem.layout.dims)
-        models = tuple(model for model, here in zip(problem.models, there, strict=True) if here)
-        A, b = problem.linear_limits()
-        return cls(problem, kept, models, problem.W[:, kept], A[:, kept], b)
+        inner = problem.restricted()
+        return cls(problem, inner, *inner.linear_limits())
 
     @property
-    def cone_weights(self) -> Array:
-        """The weights v with which a cone is v_0 n ≥ ‖(v_1 x, …)‖, contact by contact, shape (m,).
+    def models(self) -> tuple[ContactModel, ...]:
+        """The contacts' models, n of them."""
+        return self.inner.models
 
-        1 or mu for the normal force, 1 for the tangential ones, mu/gamma for the torsion.
-        """
-        problem, starts = self.problem, np.array(self.problem.starts[:-1])
-        weights = np.ones(problem.m)
-        weights[starts] = problem.mu
-        soft = np.array(problem.layout.dims) == SFC_DIM
-        weights[starts[soft] + SFC_DIM - 1] = problem.mu[soft] / problem.gamma[soft]
-        return weights[self.kept]
+    @property
+    def W(self) -> Array:
+        """Grasp map, shape (k, m)."""
+        return self.inner.W
 
     @property
     def starts(self) -> list[int]:
         """Where each contact starts in c; entry n is m."""
-        return contact_starts(self.models)
+        return self.inner.starts
+
+    @property
+    def cone_weights(self) -> Array:
+        """The weights v with which a cone is v_0 n ≥ ‖(v_1 x, …)‖, shape (m,)."""
+        cones = self.inner.cones
+        return equations.stacked(cones.scaling, cones.dims)
 
     @property
     def normals(self) -> Array:
         """The weights of the sum of normal forces, shape (m,): normals·c."""
-        weights = np.zeros(len(self.W.T))
+        weights = np.zeros(self.inner.m)
         weights[self.starts[:-1]] = 1.0
         return weights
 
-    def spread(self, c: Array) -> Array:
-        """Put the removed contacts back, with zero force."""
-        whole = np.zeros(len(self.kept))
-        whole[self.kept] = c
-        return whole
-
-    @property
-    def violation_units(self) -> tuple[Array, Array]:
-        """What violation 1 of a contact's cone [N] and of a linear limit is, shapes (n,), (v,)."""
-        rows, cones = reference.violation_scales(self.problem)
-        return cones[self.problem.active], rows
-
     def violation(self, c: Array) -> float:
         """Return the largest relative violation of a cone or limit at c, at least 0."""
-        cones, rows = self.violation_units
-        limits = (self.A @ c - self.b) / rows
-        margins = reference.friction_margins(c, self.models) / cones
-        return max(0.0, float(-margins.min()), float(limits.max(initial=-np.inf)))
+        barriers = Barriers(self.inner.cones, self.A, self.b, self.inner.alpha)
+        scales = self.inner.violation_scales()
+        return max(0.0, float(equations.relative_violation(c, barriers, scales)))
 
 
 def as_steps(max_steps: int) -> int:
@@ -117,7 +95,7 @@ def run(problem: ForceProblem, method: Callable[[Active], Solution]) -> Solution
     known = known_at_once(problem)
     if known is not None:
         return known
-    if not reference.wrench_reachable(problem):
+    if not equations.wrench_reachable(problem.restricted().W, problem.f):
         return nothing(problem, Status.WRENCH_UNREACHABLE)
     with np.errstate(all="ignore"):
         try:
@@ -133,12 +111,11 @@ def known_at_once(problem: ForceProblem) -> Solution | None:
         InvalidInputError: no problem.
     """
     require_instance(problem, "problem", ForceProblem)
-    if np.abs(problem.packed).max() > LARGEST:
+    if np.abs(problem.packed).max() > equations.LARGEST:
         return nothing(problem, Status.INVALID_NUMBERS)
     if problem.active.any():
         return None
-    reachable = reference.wrench_reachable(problem)
-    return nothing(problem, Status.SOLVED if reachable else Status.WRENCH_UNREACHABLE)
+    return nothing(problem, Status.WRENCH_UNREACHABLE if problem.f.any() else Status.SOLVED)
 
 
 def nothing(problem: ForceProblem, status: Status) -> Solution:
@@ -160,11 +137,11 @@ def answer(view: Active, status: Status, steps: int, c: Array, gradient: Array) 
     """
     if not (np.isfinite(c).all() and np.isfinite(gradient).all()):
         return nothing(view.problem, Status.INVALID_NUMBERS)
-    return priced(view, status, steps, c, reference.least_squares(view.W.T, gradient))
+    return priced(view, status, steps, c, equations.least_squares(view.W.T, gradient))
 
 
 def priced(view: Active, status: Status, steps: int, c: Array, nu: Array) -> Solution:
     """As :func:`answer`, for a method that knows the multipliers of W c = f, shape (k,)."""
     if not (np.isfinite(c).all() and np.isfinite(nu).all()):
         return nothing(view.problem, Status.INVALID_NUMBERS)
-    return Solution(PlainOutcome(status, steps, view.spread(c), nu), view.problem)
+    return Solution(PlainOutcome(status, steps, view.problem.scatter(c), nu), view.problem)

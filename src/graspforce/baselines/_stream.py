@@ -17,13 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspforce import reference
+from graspforce import equations
 from graspforce._arrays import Array
 from graspforce.baselines._active import Active, known_at_once, nothing, priced
 from graspforce.baselines._start import proved
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
-from graspforce.solution import WRENCH_TOLERANCE, Solution
+from graspforce.solution import Solution
+from graspforce.verification import WRENCH_TOLERANCE
 
 # An answer whose wrench is further off than this, relative to the forces, is none.
 LARGEST_CORRECTION = 1e-5
@@ -100,16 +101,15 @@ def _judged(view: Active, found: Found) -> Solution:
     """Return the answer that the solver's words are worth."""
     problem, c, status = view.problem, found.c, found.status
     if status is Status.SOLVED:
-        off = problem.f - view.W @ c
-        size = np.abs(problem.f).max() + (np.abs(view.W) @ np.abs(c)).max()
-        if WRENCH_TOLERANCE / 10 * size < np.abs(off).max() <= LARGEST_CORRECTION * size:
+        error = equations.relative_wrench_error(c, view.W, problem.f)
+        if WRENCH_TOLERANCE / 10 < error <= LARGEST_CORRECTION:
             # Solvers balance the wrench to their tolerance; the rest is a least-norm correction.
-            c = c + reference.least_squares(view.W, off)
-            off = problem.f - view.W @ c
-        if np.abs(off).max() <= WRENCH_TOLERANCE * size:
+            c = c + equations.least_squares(view.W, problem.f - view.W @ c)
+            error = equations.relative_wrench_error(c, view.W, problem.f)
+        if error <= WRENCH_TOLERANCE:
             return priced(view, status, found.steps, c, found.nu)
         status = Status.STALLED
-    if not reference.wrench_reachable(problem):
+    if not equations.wrench_reachable(view.W, problem.f):
         return nothing(problem, Status.WRENCH_UNREACHABLE)
     if status is Status.UNBOUNDED:
         return nothing(problem, status)

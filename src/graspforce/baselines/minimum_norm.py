@@ -10,7 +10,7 @@ it never says, because it asks for nothing that could be.
 
 from __future__ import annotations
 
-from graspforce import reference
+from graspforce import equations
 from graspforce.baselines._active import Active, answer, run
 from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
@@ -30,5 +30,5 @@ def solve(problem: ForceProblem) -> Solution:
 
 
 def _solve(view: Active) -> Solution:
-    c, _ = reference.particular_and_nullspace(view.W, view.problem.f)
+    c, _ = equations.particular_and_nullspace(view.W, view.problem.f)
     return answer(view, Status.SOLVED, 1, c, c)

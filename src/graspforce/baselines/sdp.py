@@ -25,7 +25,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from graspforce import reference
+from graspforce import equations
 from graspforce._arrays import Array, as_array
 from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._conic import Pattern, diagonal
@@ -186,7 +186,7 @@ def _unit(view: Active, barrier: float) -> float:
     They balance the wrench and seek the barrier's size, as far as the limits let them.
     """
     wanted = max(float(np.abs(view.problem.f).max()), barrier) or 1.0
-    cones, _ = view.violation_units
+    _, cones = view.inner.violation_scales()
     return min(wanted, float(cones.max())) or wanted
 
 
@@ -196,7 +196,7 @@ def _solve(
     normals = objective == "normals"
     unit = _unit(view, weight if normals else weight**0.5)
     weight /= unit if normals else unit**2
-    c_p, N = reference.particular_and_nullspace(view.W, view.problem.f / unit)
+    c_p, N = equations.particular_and_nullspace(view.W, view.problem.f / unit)
     in_c = Lmi.of(replace(view, b=view.b / unit))
     in_x = in_c.substitute(c_p, N)
     block = _log_det if weight else _positive

@@ -18,7 +18,6 @@ import numpy as np
 
 from graspforce._arrays import Array
 from graspforce._util import plot
-from graspforce.contact import PCWF
 from graspforce.errors import InvalidInputError
 from graspforce.scenarios import Scenario
 from graspforce.solve import solve
@@ -67,9 +66,8 @@ def data(scenario: Scenario, t: float = 0.0) -> Data:
     """
     state = scenario.state(t)
     contacts = scenario.contacts_at(t)
-    models = [each.model for each in contacts if isinstance(each.model, PCWF)]
-    if len(models) < len(contacts):
-        others = {type(each.model).__name__ for each in contacts} - {"PCWF"}
+    others = {type(each.model).__name__ for each in contacts if each.model.dim != 3}
+    if others:
         raise InvalidInputError(
             f"scenario: got contacts of model {', '.join(sorted(others))}, expected PCWF alone"
         )
@@ -81,7 +79,7 @@ def data(scenario: Scenario, t: float = 0.0) -> Data:
         points=np.array([contact.point for contact in contacts]),
         normals=np.array([contact.normal for contact in contacts]),
         forces=np.array([each.frame @ force for each, force in zip(contacts, c, strict=True)]),
-        mu=np.array([model.mu for model in models]),
+        mu=np.array([each.model.mu for each in contacts]),
         palm=scenario.hand.half_width,
     )
 

@@ -8,7 +8,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from graspforce._arrays import Array
-from graspforce.contact import FPC, SFC, Contact
+from graspforce.contact import Contact
 from graspforce.hands.hand import Actuation
 from graspforce.hands.limits import DriveLimit, as_tau_max, has_motor, limits
 from graspforce.hands.transmission import RANK_TOLERANCE, Transmission
@@ -123,13 +123,8 @@ def full_jacobian(contacts: Sequence[Contact], twists: Iterable[Array]) -> Array
             besides.
         twists: for each, the velocity of its link at the contact point, shape (6, n_dofs).
     """
-    blocks: list[Array] = []
-    for contact, twist in zip(contacts, twists, strict=True):
-        frame = contact.frame
-        blocks.append((frame[:, :1] if isinstance(contact.model, FPC) else frame).T @ twist[:3])
-        if isinstance(contact.model, SFC):
-            blocks.append(frame[:, :1].T @ twist[3:])
-    return np.vstack(blocks)
+    pairs = zip(contacts, twists, strict=True)
+    return np.vstack([contact.wrench_basis.T @ twist for contact, twist in pairs])
 
 
 def loaded_motions(full: Array, free: Array) -> Array:
