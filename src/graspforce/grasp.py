@@ -114,7 +114,7 @@ class Grasp:
                 finger touches: the text says which fingers lack contact.
             ModelImportError: a joint or tendon with a motor but without a torque limit.
         """
-        from graspforce.mujoco_grasp import read
+        from graspforce.hands.mujoco.grasp import read
 
         return cls._of(read(model, data, object_body, fingertips, tau_max))
 
@@ -148,7 +148,7 @@ class Grasp:
             InvalidInputError: a wrong shape, a frame that is not there.
             ModelImportError: no motor moves any of the links; a joint without a torque limit.
         """
-        from graspforce.pinocchio_grasp import read
+        from graspforce.hands.pinocchio.grasp import read
 
         return cls._of(read(model, q, contacts, links, v, origin, tau_max))
 

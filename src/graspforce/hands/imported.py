@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from graspforce._arrays import Array, as_array, as_tuple, came, require_instance
 from graspforce.contact import Contact, as_contacts
 from graspforce.errors import InvalidInputError, ModelImportError
-from graspforce.hands.posture import (
+from graspforce.hands.configuration import (
     Actuated,
     D,
     P,

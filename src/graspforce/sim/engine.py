@@ -6,7 +6,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
 
-from graspforce.hands.mujoco_model import mujoco_module
+from graspforce.hands.mujoco.model import mujoco_module
 
 mj: Any = mujoco_module("simulation", "sim")
 """The module ``mujoco``."""

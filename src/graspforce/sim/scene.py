@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from graspforce._arrays import Array
 from graspforce.contact import cross
 from graspforce.errors import ModelImportError
-from graspforce.hands.mujoco_model import drives, is_plain_motor
+from graspforce.hands.mujoco.model import drives, is_plain_motor
 from graspforce.sim.engine import mj
 from graspforce.sim.trial import Finger, Trial
 

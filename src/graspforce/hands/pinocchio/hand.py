@@ -18,7 +18,7 @@ from graspforce.hands.imported import (
     as_fingertips,
     fingers_of,
 )
-from graspforce.hands.pinocchio_model import (
+from graspforce.hands.pinocchio.model import (
     JointDrive,
     PinocchioPosture,
     dof_names,
@@ -28,7 +28,7 @@ from graspforce.hands.pinocchio_model import (
     pinocchio_module,
     what_moves,
 )
-from graspforce.hands.posture import actuate
+from graspforce.hands.configuration import actuate
 
 
 def from_urdf(

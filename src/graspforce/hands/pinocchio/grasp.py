@@ -13,7 +13,7 @@ from graspforce.contact import Contact, as_contacts, warn_of_slips
 from graspforce.errors import InvalidInputError, ModelImportError, warn
 from graspforce.hands.hand import Reading
 from graspforce.hands.imported import as_link
-from graspforce.hands.pinocchio_model import (
+from graspforce.hands.pinocchio.model import (
     JointDrive,
     PinocchioPosture,
     frames_of,
@@ -21,7 +21,7 @@ from graspforce.hands.pinocchio_model import (
     pinocchio_module,
     what_moves,
 )
-from graspforce.hands.posture import actuate, full_jacobian
+from graspforce.hands.configuration import actuate, full_jacobian
 
 
 def read(

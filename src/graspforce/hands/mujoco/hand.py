@@ -17,7 +17,7 @@ from graspforce.hands.imported import (
     as_fingertips,
     fingers_of,
 )
-from graspforce.hands.mujoco_model import (
+from graspforce.hands.mujoco.model import (
     Drive,
     MujocoPosture,
     body_of,
@@ -30,7 +30,7 @@ from graspforce.hands.mujoco_model import (
     name_of,
     what_moves,
 )
-from graspforce.hands.posture import actuate
+from graspforce.hands.configuration import actuate
 
 
 def from_mjcf(

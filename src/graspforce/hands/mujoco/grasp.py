@@ -16,7 +16,7 @@ from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.errors import InvalidInputError, warn
 from graspforce.hands.hand import Reading
 from graspforce.hands.imported import as_fingertips, as_link
-from graspforce.hands.mujoco_model import (
+from graspforce.hands.mujoco.model import (
     Drive,
     MujocoPosture,
     body_of,
@@ -30,7 +30,7 @@ from graspforce.hands.mujoco_model import (
     name_of,
     what_moves,
 )
-from graspforce.hands.posture import actuate, full_jacobian
+from graspforce.hands.configuration import actuate, full_jacobian
 from graspforce.hands.transmission import connected_dofs
 
 
