@@ -44,8 +44,8 @@ def material_velocity(hand, tip, point, q, dq, h=1e-6):
     """Velocity of the point of ``tip`` that is at ``point``, by Pinocchio's forward kinematics."""
 
     def placement(angles):
-        posture = hand.robot.posture(angles)
-        return posture._data.oMf[hand.robot.model.getFrameId(tip)].copy()
+        configuration = hand.robot.configuration(angles)
+        return configuration._data.oMf[hand.robot.model.getFrameId(tip)].copy()
 
     here, ahead, behind = (placement(each) for each in (q, q + h * dq, q - h * dq))
     local = here.actInv(point)

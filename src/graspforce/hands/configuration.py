@@ -1,4 +1,4 @@
-"""A robot at one posture: what moves it, within which limits, and what nothing controls."""
+"""A robot at one configuration: what moves it, within which limits, and what nothing controls."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class HasLimit(Protocol):
         ...
 
 
-class Posture(Protocol):
-    """A robot at one posture."""
+class Configuration(Protocol):
+    """A robot at one configuration."""
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -49,19 +49,19 @@ class Posture(Protocol):
         ...
 
 
-P = TypeVar("P", bound=Posture)
+P = TypeVar("P", bound=Configuration)
 D = TypeVar("D", bound=HasLimit)
 
 
 class Actuated(NamedTuple, Generic[P, D]):
-    """A posture with the drives that have motors, and the limits that hold for them."""
+    """A configuration with the drives that have motors, and the limits that hold for them."""
 
-    posture: P
+    configuration: P
     drives: tuple[D, ...]
     joint_names: tuple[str, ...]
     tau_lo: Array
     tau_hi: Array
-    doubts: tuple[str, ...]
+    warnings: tuple[str, ...]
     """What should not be believed silently, a sentence each."""
     notes: tuple[str, ...]
     """What else there is to know."""
@@ -75,7 +75,7 @@ class Actuated(NamedTuple, Generic[P, D]):
             full: Jacobian over all joints in the contact frames, shape (m, n_dofs).
             bias: what all joints must give besides, shape (n_dofs,).
         """
-        driven, free = self.posture.transmission
+        driven, free = self.configuration.transmission
         loaded = loaded_motions(full, free)
         return Actuation(
             self.joint_names, full @ driven, self.tau_lo, self.tau_hi, driven.T @ bias,
@@ -84,7 +84,7 @@ class Actuated(NamedTuple, Generic[P, D]):
 
 
 def actuate(
-    posture_with: Callable[[Sequence[D]], P],
+    configuration_with: Callable[[Sequence[D]], P],
     drives: Sequence[D],
     tau_max: float | Mapping[str, float] | None,
 ) -> Actuated[P, D]:
@@ -98,12 +98,12 @@ def actuate(
     kept = [each for each in drives if has_motor(each.limit, given)]
     idle = [each.limit.name for each in drives if not has_motor(each.limit, given)]
     allowed = limits([each.limit for each in kept], given)
-    posture = posture_with(kept)
+    configuration = configuration_with(kept)
     joint_names = tuple(each.limit.name for each in kept)
     return Actuated(
-        posture, tuple(kept), joint_names, allowed.lo, allowed.hi,
-        (*allowed.reports, *_uncontrolled(posture)),
-        (*idle_notes(idle), *_coupling_notes(posture, joint_names)), tuple(idle),
+        configuration, tuple(kept), joint_names, allowed.lo, allowed.hi,
+        (*allowed.warnings, *_uncontrolled(configuration)),
+        (*idle_notes(idle), *_coupling_notes(configuration, joint_names)), tuple(idle),
     )  # fmt: skip
 
 
@@ -144,12 +144,12 @@ def loaded_motions(full: Array, free: Array) -> Array:
     return free @ left[:, sizes > RANK_TOLERANCE * scale]
 
 
-def _coupling_notes(posture: Posture, joint_names: Sequence[str]) -> list[str]:
+def _coupling_notes(configuration: Configuration, joint_names: Sequence[str]) -> list[str]:
     """Say which joints a drive moves besides its own, a sentence each."""
     notes: list[str] = []
-    dof_names = posture.dof_names
+    dof_names = configuration.dof_names
     for column, drive in enumerate(joint_names):
-        ratios = posture.transmission.driven[:, column]
+        ratios = configuration.transmission.driven[:, column]
         others = [
             f"{name!r} by {ratio:.4g}"
             for name, ratio in zip(dof_names, ratios.tolist(), strict=True)
@@ -160,10 +160,10 @@ def _coupling_notes(posture: Posture, joint_names: Sequence[str]) -> list[str]:
     return notes
 
 
-def _uncontrolled(posture: Posture) -> list[str]:
+def _uncontrolled(configuration: Configuration) -> list[str]:
     """Say which motions no drive takes part in, a sentence for each set of joints."""
-    dof_names = posture.dof_names
-    projector = posture.transmission.free @ posture.transmission.free.T
+    dof_names = configuration.dof_names
+    projector = configuration.transmission.free @ configuration.transmission.free.T
     together = np.abs(projector) > 1e-9
     left = [i for i in range(len(dof_names)) if together[i, i]]
     sentences: list[str] = []

@@ -65,7 +65,7 @@ class UnderactuatedHand(Hand, Protocol):
 
 
 class Actuation(NamedTuple):
-    """What the joints of a hand at one posture bring into the force problem."""
+    """What the joints of a hand at one configuration bring into the force problem."""
 
     joint_names: tuple[str, ...]
     J: Array

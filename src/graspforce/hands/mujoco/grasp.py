@@ -14,11 +14,12 @@ import numpy as np
 from graspforce._arrays import Array, came
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.errors import InvalidInputError, warn
+from graspforce.hands.configuration import actuate, full_jacobian
 from graspforce.hands.hand import Reading
 from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.mujoco.model import (
     Drive,
-    MujocoPosture,
+    MujocoConfiguration,
     body_of,
     coupling_rows,
     dofs_above,
@@ -30,7 +31,6 @@ from graspforce.hands.mujoco.model import (
     name_of,
     what_moves,
 )
-from graspforce.hands.configuration import actuate, full_jacobian
 from graspforce.hands.transmission import connected_dofs
 
 
@@ -70,29 +70,29 @@ def read(
         raise _not_held(name, absent)
     moved = what_moves(model, data, bodies, candidates)
 
-    def posture_with(drives: Sequence[Drive]) -> MujocoPosture:
-        return MujocoPosture(model, data, moved.dofs, drives)
+    def configuration_with(drives: Sequence[Drive]) -> MujocoConfiguration:
+        return MujocoConfiguration(model, data, moved.dofs, drives)
 
-    hand = actuate(posture_with, moved.drives, tau_max)
+    hand = actuate(configuration_with, moved.drives, tau_max)
     if not hand.joint_names:
         raise _not_held(name, absent)
     twists = [
-        hand.posture.body_twist(body, contact.point)
+        hand.configuration.body_twist(body, contact.point)
         for contact, body in zip(contacts, bodies, strict=True)
     ]
-    doubts = (*contact_notes, *hand.doubts)
+    warnings = (*contact_notes, *hand.warnings)
     notes = [*hand.notes, *motor_notes]
     if absent:
         notes.append(f"not in contact with {name!r}: {', '.join(absent)}")
     if int(model.opt.cone) == int(mj.mjtCone.mjCONE_PYRAMIDAL):
         notes.append("the simulation's friction pyramids lie inside the exact cones of the grasp")
-    warn(*doubts)
+    warn(*warnings)
     return Reading(
         tuple(contacts),
         tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in bodies),
         np.array(data.xipos[held]),
         hand.actuation(full_jacobian(contacts, twists), _bias(model, data)[moved.dofs]),
-        (*doubts, *notes),
+        (*warnings, *notes),
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from graspforce._arrays import Array, came
 from graspforce.errors import InvalidInputError, ModelImportError, warn
+from graspforce.hands.configuration import actuate
 from graspforce.hands.imported import (
     ImportedHand,
     as_fingertips,
@@ -19,7 +20,7 @@ from graspforce.hands.imported import (
 )
 from graspforce.hands.mujoco.model import (
     Drive,
-    MujocoPosture,
+    MujocoConfiguration,
     body_of,
     dofs_above,
     drive_rows,
@@ -30,7 +31,6 @@ from graspforce.hands.mujoco.model import (
     name_of,
     what_moves,
 )
-from graspforce.hands.configuration import actuate
 
 
 def from_mjcf(
@@ -68,19 +68,19 @@ def from_mjcf(
     data = _evaluated(model, model.qpos0)
     moved = what_moves(model, data, bodies, candidates)
 
-    def posture_with(drives: Sequence[Drive]) -> MujocoPosture:
-        return MujocoPosture(model, data, moved.dofs, drives)
+    def configuration_with(drives: Sequence[Drive]) -> MujocoConfiguration:
+        return MujocoConfiguration(model, data, moved.dofs, drives)
 
-    hand = actuate(posture_with, moved.drives, tau_max)
+    hand = actuate(configuration_with, moved.drives, tau_max)
     fingers = fingers_of(hand, tips)
     robot = MujocoRobot(
         model, moved.dofs, hand.drives, _joints(model, moved.dofs.tolist(), hand.joint_names),
         _links(model, moved.dofs, drive_rows(model, data, candidates)),
     )  # fmt: skip
-    warn(*hand.doubts)
+    warn(*hand.warnings)
     return ImportedHand(
         hand.joint_names, robot.q_names, hand.tau_lo, hand.tau_hi, fingers, tips,
-        tuple(tips.values()), (*hand.doubts, *hand.notes, *motor_notes), robot,
+        tuple(tips.values()), (*hand.warnings, *hand.notes, *motor_notes), robot,
     )  # fmt: skip
 
 
@@ -111,11 +111,11 @@ class MujocoRobot:
 
     @property
     def q_names(self) -> tuple[str, ...]:
-        """The joints whose angles make a posture."""
+        """The joints whose angles make a configuration."""
         joint = mujoco_module().mjtObj.mjOBJ_JOINT
         return tuple(name_of(self.model, joint, index) for index in self.joints.free)
 
-    def posture(self, q: Array) -> MujocoPosture:
+    def configuration(self, q: Array) -> MujocoConfiguration:
         """Return the robot at the joint angles q; whatever else the model has is at qpos0."""
         address, start = self.model.jnt_qposadr, self.model.qpos0
         qpos = np.array(start)
@@ -127,7 +127,7 @@ class MujocoRobot:
                 qpos[address[joint]] = start[address[joint]] + np.polynomial.polynomial.polyval(
                     turned, polynomial
                 )
-        return MujocoPosture(self.model, _evaluated(self.model, qpos), self.dofs, self.drives)
+        return MujocoConfiguration(self.model, _evaluated(self.model, qpos), self.dofs, self.drives)
 
 
 def _load(source: Any) -> Any:

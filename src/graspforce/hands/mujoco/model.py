@@ -1,4 +1,4 @@
-"""What a MuJoCo model says of drives, limits and couplings, and a posture's kinematics.
+"""What a MuJoCo model says of drives, limits and couplings, and a configuration's kinematics.
 
 A drive is a joint or a tendon with motors. Motors on sites, bodies, sliders and cranks, or on
 ball joints have no single torque to limit and are left out, by name. The base of a free-floating
@@ -93,7 +93,7 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
         at_hinge = at_joint and int(model.jnt_type[target]) == hinge
         limit = DriveLimit(
             name_of(model, kind_of_object, target), "N·m" if at_hinge else "N", low, high,
-            _lever(mj, model, target) if at_tendon else float(at_hinge),
+            _moment_arm(mj, model, target) if at_tendon else float(at_hinge),
         )  # fmt: skip
         found[at_tendon, target] = Drive(limit, output, gear)
     for (at_tendon, target), drive in found.items():
@@ -131,7 +131,7 @@ def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _lever(mj: Any, model: Any, tendon: int) -> float:
+def _moment_arm(mj: Any, model: Any, tendon: int) -> float:
     """Return the longest arm of a tendon at a hinge that the model states [m]; 0 for none."""
     first = int(model.tendon_adr[tendon])
     arms = [
@@ -144,7 +144,7 @@ def _lever(mj: Any, model: Any, tendon: int) -> float:
 
 
 def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
-    """Return the drives' motions by joint motion, shape (n_drives, nv), at data's posture."""
+    """Return the drives' motions by joint motion, shape (n_drives, nv), at data's configuration."""
     mj = mujoco_module()
     moments = np.zeros((model.nout, model.nv))
     if model.nout:
@@ -224,8 +224,8 @@ def what_moves(model: Any, data: Any, bodies: Iterable[int], candidates: Sequenc
     return Moved(dofs, [candidates[i] for i in taking_part])
 
 
-class MujocoPosture:
-    """A model at the posture for which ``data`` holds positions, moment arms and constraints."""
+class MujocoConfiguration:
+    """A model at the configuration whose positions, moment arms and constraints ``data`` holds."""
 
     def __init__(
         self, model: Any, data: Any, dofs: NDArray[np.intp], drives: Sequence[Drive]

@@ -11,17 +11,17 @@ from numpy.typing import ArrayLike
 from graspforce._arrays import as_array, as_tuple
 from graspforce.contact import Contact, as_contacts, warn_of_slips
 from graspforce.errors import InvalidInputError, ModelImportError, warn
+from graspforce.hands.configuration import actuate, full_jacobian
 from graspforce.hands.hand import Reading
 from graspforce.hands.imported import as_link
 from graspforce.hands.pinocchio.model import (
     JointDrive,
-    PinocchioPosture,
+    PinocchioConfiguration,
     frames_of,
     joint_drives,
     pinocchio_module,
     what_moves,
 )
-from graspforce.hands.configuration import actuate, full_jacobian
 
 
 def read(
@@ -43,7 +43,7 @@ def read(
     pin = pinocchio_module()
     if not isinstance(model, pin.Model):
         raise InvalidInputError(f"model: got a {type(model).__name__}, expected a pinocchio.Model")
-    configuration = as_array(q, "q", (int(model.nq),))
+    q = as_array(q, "q", (int(model.nq),))
     velocity = np.zeros(model.nv) if v is None else as_array(v, "v", (int(model.nv),))
     contacts = as_contacts(contacts)
     links = as_tuple(links, "links", str)
@@ -57,24 +57,24 @@ def read(
 
     dofs = what_moves(model, made_by, couplings)
 
-    def posture_with(drives: Sequence[JointDrive]) -> PinocchioPosture:
-        return PinocchioPosture(model, configuration, dofs, drives, couplings)
+    def configuration_with(drives: Sequence[JointDrive]) -> PinocchioConfiguration:
+        return PinocchioConfiguration(model, q, dofs, drives, couplings)
 
     drives = [each for each in joint_drives(model) if each.dof in dofs]
-    hand = actuate(posture_with, drives, tau_max)
+    hand = actuate(configuration_with, drives, tau_max)
     if not hand.joint_names:
         raise ModelImportError(f"no motor moves any of the links {', '.join(made_by)}")
     twists = [
-        hand.posture.twist(link, contact.point)
+        hand.configuration.twist(link, contact.point)
         for contact, link in zip(contacts, made_by, strict=True)
     ]
-    bias = np.array(pin.nonLinearEffects(model, model.createData(), configuration, velocity))
+    bias = np.array(pin.nonLinearEffects(model, model.createData(), q, velocity))
     warn_of_slips(contacts)
-    warn(*hand.doubts)
+    warn(*hand.warnings)
     return Reading(
         contacts,
         made_by,
         as_array(origin, "origin", (3,)),
         hand.actuation(full_jacobian(contacts, twists), bias[dofs]),
-        (*hand.doubts, *hand.notes),
+        (*hand.warnings, *hand.notes),
     )

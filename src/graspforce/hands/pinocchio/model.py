@@ -1,4 +1,4 @@
-"""What a Pinocchio model says of drives and limits, and a posture's kinematics.
+"""What a Pinocchio model says of drives and limits, and a configuration's kinematics.
 
 A drive is a joint with one degree of freedom. Joints with more (a floating base, a ball joint)
 have no single torque to limit and are taken as held.
@@ -87,13 +87,13 @@ def what_moves(model: Any, links: Sequence[str], couplings: Array) -> NDArray[np
     return connected_dofs(moving, couplings)
 
 
-class PinocchioPosture:
+class PinocchioConfiguration:
     """A model at a configuration."""
 
     def __init__(
         self,
         model: Any,
-        configuration: Array,
+        q: Array,
         dofs: NDArray[np.intp],
         drives: Sequence[JointDrive],
         couplings: Array,
@@ -102,7 +102,7 @@ class PinocchioPosture:
         pin = pinocchio_module()
         self._model, self._frames, self._dofs = model, frames_of(model), dofs
         self._data = model.createData()
-        pin.computeJointJacobians(model, self._data, configuration)
+        pin.computeJointJacobians(model, self._data, q)
         pin.updateFramePlacements(model, self._data)
         rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
         self.transmission: Transmission = transmission(rows[:, dofs], couplings[:, dofs])
