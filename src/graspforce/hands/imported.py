@@ -13,10 +13,9 @@ from graspforce._arrays import Array, as_array, as_tuple, came, require_instance
 from graspforce.contact import Contact, as_contacts
 from graspforce.errors import InvalidInputError, ModelImportError
 from graspforce.hands.configuration import (
-    Actuated,
     Configuration,
     D,
-    P,
+    Motors,
     full_jacobian,
     idle_notes,
     loaded_motions,
@@ -177,22 +176,22 @@ def as_fingertips(
     return {finger: as_link(link, "fingertips", links) for finger, link in fingertips.items()}
 
 
-def fingers_of(hand: Actuated[P, D], fingertips: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+def fingers_of(
+    configuration: Configuration, motors: Motors[D], fingertips: Mapping[str, str]
+) -> dict[str, tuple[str, ...]]:
     """Return the drives that move each finger's fingertip.
 
     Raises:
         ModelImportError: nothing moves one of them.
     """
     fingers: dict[str, tuple[str, ...]] = {}
-    driven = np.abs(hand.configuration.transmission.driven)
+    driven = np.abs(configuration.transmission.driven)
     for finger, link in fingertips.items():
-        moves = (
-            np.abs(hand.configuration.twist(link, None)) @ driven
-        )  # no cancelling: not by chance 0
+        moves = np.abs(configuration.twist(link, None)) @ driven  # no cancelling: not by chance 0
         fingers[finger] = tuple(
-            name for name, column in zip(hand.joint_names, moves.T, strict=True) if column.any()
+            name for name, column in zip(motors.joint_names, moves.T, strict=True) if column.any()
         )
         if not fingers[finger]:
-            reasons = (f"no motor moves {link!r}", *idle_notes(hand.idle))
+            reasons = (f"no motor moves {link!r}", *idle_notes(motors.idle))
             raise ModelImportError(f"finger {finger!r} has no actuated joint: {'; '.join(reasons)}")
     return fingers

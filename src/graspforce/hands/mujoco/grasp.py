@@ -1,213 +1,544 @@
-"""The grasp that a MuJoCo simulation is in: contacts, Jacobian, bias torques, limits.
+"""The grasp that a MuJoCo simulation is in: contacts, W, Jacobian, bias torques, limits.
 
-Everything is read from where ``mj_step`` or ``mj_forward`` has left it, hence all of one moment.
+Everything is read from where ``mj_step``, ``mj_step1`` or ``mj_forward`` has left it, hence all of
+one moment. The object is a body with all that hangs on it, so that a robot that stands on its feet
+is one too: J is the velocity of what makes a contact relative to the object, whichever of the two
+the joints move.
 """
 
 from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspforce._arrays import Array, came
-from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
+from graspforce._arrays import Array, as_tuple, came
+from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError, warn
-from graspforce.hands.configuration import actuate, full_jacobian
-from graspforce.hands.hand import Reading
+from graspforce.grasp_map import map_about
+from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
+from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.mujoco.model import (
     Drive,
-    MujocoConfiguration,
     body_of,
     coupling_rows,
+    dof_names,
     dofs_above,
     drive_rows,
     drives,
-    is_loose,
     links_of,
+    loose_bodies,
     mujoco_module,
     name_of,
-    what_moves,
+    taking_part,
 )
-from graspforce.hands.transmission import connected_dofs
+from graspforce.hands.transmission import Transmission, connected_dofs, transmission
+
+Indices: TypeAlias = NDArray[np.intp]
 
 
-def read(
+class _Contacts(NamedTuple):
+    """The object's n active contacts."""
+
+    places: Indices
+    """In ``data.contact``."""
+    geoms: Indices
+    """shape (n, 2): what makes the contact, and the object's."""
+    bodies: Indices
+    """Theirs."""
+    side: Array
+    """1 where the object's geom is the second, −1 where it is the first."""
+    points: Array
+    axes: Array
+    """shape (n, 3, 3): rows normal into the object, x, y."""
+    dims: Indices
+    """Components of each: 1 for FPC, 3 for PCWF, 4 for SFC."""
+    mu: Array
+    gamma: Array
+    left_out: Indices
+    """Bodies that make contacts which are left out; −1 for a deformable one."""
+
+
+class _Hand(NamedTuple):
+    """The joints that move the contacts, and how the motors move these joints."""
+
+    key: tuple[bytes, ...]
+    """All that it was made from."""
+    moments: Array
+    """Motion of each drive of the model by joint motion, shape (n_drives, nv)."""
+    couplings: Array
+    """Gradients of the active equalities between joints, shape (p, nv)."""
+    dofs: Indices
+    motors: Motors[Drive]
+    transmission: Transmission
+
+
+class MujocoGrasp:
+    """The grasp that a MuJoCo simulation is in, read anew in every tick of a loop.
+
+    What does not change is looked up once: which bodies and geoms are the object's, which joints
+    move which body, motors and their limits. :meth:`update` reads what moves; the attributes are
+    then those of a :class:`graspforce.Grasp` that is read from the same data::
+
+        reader = gf.hands.MujocoGrasp(model, data, "cube", joints=grasp.joint_names)
+        reader.update(data)
+        solution = servo.step(W=reader.W, J=reader.J, tau_bias=reader.tau_bias)
+
+    Masses, gravity, friction, joint positions, equalities that are switched on or off: all that
+    MuJoCo computes anew counts from the next update on. After a change of limits, gears or the
+    tree of bodies make a new reader.
+
+    Args:
+        model: the ``mujoco.MjModel``.
+        data: its ``mujoco.MjData``, after ``mj_step``, ``mj_step1`` or ``mj_forward``; it is read
+            once, as by :meth:`update`.
+        object_body: name or number of the object's body. What hangs on it belongs to it: with the
+            trunk of a robot on its feet the ground's contacts carry the robot.
+        joints: joints and tendons with motors, in the order of tau; the other motors are taken to
+            hold their joints still. By default, those that move what touches, which change as
+            contacts come and go.
+        tau_max: torque limits in place of the model's, both ways: one number for all, or by name
+            [N·m; N for slides and tendons].
+
+    Attributes:
+        origin: the object's centre of mass, about which torques are taken, shape (3,) [m].
+        W: grasp map, shape (6, m), world axes.
+        J: hand Jacobian in contact frames, shape (m, n_joints).
+        joint_names: the n_joints joints and tendons.
+        tau_lo: lower torque limits, shape (n_joints,) [N·m; N for slides and tendons].
+        tau_hi: upper torque limits, likewise.
+        tau_bias: the torques at which the joints do not accelerate while nothing touches:
+            gravity, Coriolis forces, and what springs, dampers and fluids do to the joints.
+        passive_rows: virtual work of c over the motions that no motor moves, shape (k, m).
+        passive_loads: what it has to be, shape (k,).
+
+    Raises:
+        MissingExtraError: MuJoCo is not installed.
+        InvalidInputError: a name that is not there; an object that is fixed; as :meth:`update`.
+        ModelImportError: a joint or tendon with a motor but without a torque limit.
+
+    Warns:
+        GraspForceWarning: implausible limits, motions that no motor controls, contacts that are
+            left out; later updates only note them.
+    """
+
+    W: Array
+    origin: Array
+    joint_names: tuple[str, ...]
+    J: Array
+    tau_lo: Array
+    tau_hi: Array
+    tau_bias: Array
+    passive_rows: Array
+    passive_loads: Array
+    actuation: Actuation
+
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        object_body: str | int,
+        joints: Sequence[str] | None = None,
+        tau_max: float | Mapping[str, float] | None = None,
+    ) -> None:
+        mj = mujoco_module()
+        if not isinstance(model, mj.MjModel):
+            raise InvalidInputError(
+                f"model: got a {type(model).__name__}, expected an mujoco.MjModel"
+            )
+        self._model = model
+        self._body = _as_body(model, object_body, "object_body")
+        self._top = int(model.body_weldid[self._body])
+        if not self._top:
+            raise InvalidInputError(
+                f"object_body: {object_body!r} is fixed to the world, expected a body that can move"
+            )
+        self._drives, self._motor_notes = drives(model)
+        self._chosen = None if joints is None else _indices(joints, self._drives)
+        self._tau_max = tau_max
+        above = dofs_above(model)
+        inside = np.zeros(model.nbody, dtype=bool)
+        for body in range(self._top, model.nbody):  # a body comes after its parent
+            inside[body] = body == self._top or inside[model.body_parentid[body]]
+        # How a body at a contact moves relative to the object, per joint rate: as it does, or if
+        # it belongs to the object, as the object does relative to it.
+        self._acting = above.astype(float)
+        self._acting[inside] = -1.0 * (above[inside] & ~above[self._top])
+        self._above = above
+        # The last entry is for a deformable body's −1.
+        self._of_object: NDArray[np.bool_] = np.append(inside[model.geom_bodyid], False)
+        self._body_of_geom: Indices = np.append(model.geom_bodyid, 0)
+        self._floating = loose_bodies(model, np.zeros((0, model.nv)))
+        self._root_of_dof = model.body_rootid[model.dof_bodyid]
+        self._hand: _Hand | None = None
+        self.update(data)
+        warn(*self._warnings())
+
+    def update(self, data: Any) -> None:
+        """Read the grasp that the data are in.
+
+        Args:
+            data: ``mujoco.MjData`` of the model, after ``mj_step``, ``mj_step1`` or ``mj_forward``.
+
+        Raises:
+            InvalidInputError: data of another model, or in which nothing is computed yet.
+            ModelImportError: another joint has come to take part, which has no torque limit.
+        """
+        model = self._model
+        _require_data(data, model)
+        moments, couplings = drive_rows(model, data, self._drives), coupling_rows(model, data)
+        if self._drives and not moments.any():
+            raise InvalidInputError(
+                "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
+            )
+        contacts = self._read_contacts(data, moments)
+        acting = self._acting[contacts.bodies].sum(axis=1)
+        hand = self._hand_of(np.any(acting != 0, axis=0), moments, couplings)
+        origin = np.array(data.subtree_com[self._top])
+        wrenches = _wrenches(contacts, origin)
+        full = wrenches @ self._screws(data, hand.dofs, origin).T
+        full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
+        actuation = hand.motors.actuation(hand.transmission, full, self._bias(data)[hand.dofs])
+        self._contacts, self._hand = contacts, hand
+        self.origin, self.actuation = origin, actuation
+        self.W = np.ascontiguousarray(wrenches.T)
+        (
+            self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
+            self.passive_rows, self.passive_loads,
+        ) = actuation  # fmt: skip
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The object's active contacts, in the order of ``data.contact``."""
+        here = self._contacts
+        return tuple(
+            Contact(point, axes[0], model, axes[1])
+            for point, axes, model in zip(here.points, here.axes, self.models, strict=True)
+        )
+
+    @property
+    def models(self) -> tuple[ContactModel, ...]:
+        """The contacts' models: the cone that lies within MuJoCo's."""
+        here = self._contacts
+        numbers = zip(here.dims.tolist(), here.mu.tolist(), here.gamma.tolist(), strict=True)
+        return tuple(
+            FPC() if dim == 1 else PCWF(mu) if dim == 3 else SFC(mu, gamma)
+            for dim, mu, gamma in numbers
+        )
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The body that makes each contact; the object's own where only that is moved by joints."""
+        body = mujoco_module().mjtObj.mjOBJ_BODY
+        maker, own = self._contacts.bodies[:, 0], self._contacts.bodies[:, 1]
+        moved: NDArray[np.bool_] = np.any(self._acting != 0, axis=1)
+        only_own = moved[own] & ~moved[maker]
+        made_by: Indices = np.where(only_own, own, maker)
+        return tuple(name_of(self._model, body, each) for each in made_by.tolist())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader found that a user should know, a sentence each."""
+        mj = mujoco_module()
+        hand = self._found
+        notes = [
+            *self._warnings(),
+            *notes_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
+            *self._motor_notes,
+        ]
+        absent = self.fingers_without_contact()
+        if absent:
+            notes.append(f"not in contact with {self.object_name!r}: {', '.join(absent)}")
+        if int(self._model.opt.cone) == int(mj.mjtCone.mjCONE_PYRAMIDAL):
+            notes.append(
+                "the simulation's friction pyramids lie inside the exact cones of the grasp"
+            )
+        return tuple(notes)
+
+    @property
+    def object_name(self) -> str:
+        """The name of the object's body."""
+        return name_of(self._model, mujoco_module().mjtObj.mjOBJ_BODY, self._body)
+
+    @property
+    def geoms(self) -> Indices:
+        """The geoms at each contact: what makes it, and the object's, shape (n, 2)."""
+        return self._contacts.geoms
+
+    @property
+    def dims(self) -> Indices:
+        """How many components of c each contact has, shape (n,)."""
+        return self._contacts.dims
+
+    @property
+    def points(self) -> Array:
+        """The contacts' points, shape (n, 3) [m]."""
+        return self._contacts.points
+
+    @property
+    def normals(self) -> Array:
+        """The contacts' unit normals into the object, shape (n, 3)."""
+        return self._contacts.axes[:, 0]
+
+    def jacobian(self, data: Any, contacts: Sequence[Contact], links: Sequence[str | int]) -> Array:
+        """Return J of contacts that do not come from MuJoCo: measured or planned ones.
+
+        Args:
+            data: as last read by :meth:`update`.
+            contacts: n contacts, in the world's axes.
+            links: for each the body that makes it, or of the object the body that it is on, by
+                name or number.
+
+        Returns:
+            shape (m, n_joints), in the contact frames.
+
+        Raises:
+            InvalidInputError: something that is no contact, another number of links, a name that
+                is not there.
+        """
+        given, hand = as_contacts(contacts), self._found
+        if len(links) != len(given):
+            raise InvalidInputError(
+                f"links: got {len(links)}, expected {len(given)}, one a contact"
+            )
+        bodies = [_as_body(self._model, link, "links") for link in links]
+        full = map_about(self.origin, given).T @ self._screws(data, hand.dofs, self.origin).T
+        dims = [contact.model.dim for contact in given]
+        full *= np.repeat(self._acting[bodies][:, hand.dofs], dims, axis=0)
+        return full @ hand.transmission.driven
+
+    def contact_forces(self, data: Any) -> Array:
+        """Return the contact forces of the physics, shape (m,): what came of the forces asked for.
+
+        Args:
+            data: as last read by :meth:`update`, and then stepped by ``mj_step2`` or
+                ``mj_forward``; after ``mj_step`` the forces are still those of the step before.
+        """
+        here, mj = self._contacts, mujoco_module()
+        c = np.zeros((len(here.places), 6))
+        for force, index in zip(c, here.places.tolist(), strict=True):
+            mj.mj_contactForce(self._model, data, index, force)
+        # MuJoCo's is on the second geom. With the other sign its axes normal and y are turned
+        # round, so that of its components only that along x changes its sign.
+        c[:, 1] *= here.side
+        return c[:, :4][_components(here.dims)]
+
+    def fingers_without_contact(self) -> list[str]:
+        """Return the last bodies of chains that motors move, as far as they lack contact."""
+        model, hand = self._model, self._found
+        driven = np.zeros(model.nv, dtype=bool)
+        driven[connected_dofs(np.any(hand.moments != 0, axis=0), hand.couplings)] = True
+        fingers = (self._above & driven).any(axis=1) & ~self._touching()
+        fingers[model.body_parentid] = False
+        body = mujoco_module().mjtObj.mjOBJ_BODY
+        return [name_of(model, body, each) for each in np.flatnonzero(fingers).tolist()]
+
+    def require_contact(self, fingertips: Sequence[str]) -> None:
+        """Raise unless each of the fingertips, bodies or sites, touches the object.
+
+        Raises:
+            InvalidInputError: one does not, or is not there.
+        """
+        touching = self._touching()
+        tips = as_fingertips(fingertips, links_of(self._model))
+        absent = [tip for tip in tips if not touching[body_of(self._model, tip)]]
+        if absent:
+            raise InvalidInputError(
+                f"data: {', '.join(absent)} not in contact with {self.object_name!r}, expected all "
+                f"of the fingertips {', '.join(tips)} to be"
+            )
+
+    # ---- what update is made of ----------------------------------------------------------------
+
+    @property
+    def _found(self) -> _Hand:
+        assert self._hand is not None  # the constructor updates
+        return self._hand
+
+    def _touching(self) -> NDArray[np.bool_]:
+        """Return which bodies, with all that is fixed to them, are at a contact, shape (nbody,)."""
+        weld = self._model.body_weldid
+        touching = np.zeros(self._model.nbody, dtype=bool)
+        touching[weld[self._contacts.bodies]] = True
+        return touching[weld]
+
+    def _warnings(self) -> tuple[str, ...]:
+        hand, body = self._found, mujoco_module().mjtObj.mjOBJ_BODY
+        return (
+            *(
+                "a contact with a deformable body is left out"
+                if each < 0
+                else f"the contact with {name_of(self._model, body, each)!r} is left out: that "
+                "body is loose itself"
+                for each in dict.fromkeys(self._contacts.left_out.tolist())
+            ),
+            *warnings_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
+        )
+
+    def _read_contacts(self, data: Any, moments: Array) -> _Contacts:
+        seen = data.contact
+        geoms: Indices = seen.geom
+        of_object = self._of_object[geoms]
+        second = of_object[:, 1]
+        ordered: Indices = np.where(second[:, None], geoms, geoms[:, ::-1])
+        bodies = self._body_of_geom[ordered]
+        active = (of_object[:, 0] != second) & (seen.exclude == 0)
+        deformable = ordered[:, 0] < 0
+        usable = ~deformable
+        if self._floating[bodies[active, 0]].any():  # else there is nothing loose at hand
+            usable &= ~loose_bodies(self._model, moments)[bodies[:, 0]]
+        left_out = np.where(deformable, -1, bodies[:, 0])[active & ~usable]
+        places = np.flatnonzero(active & usable)
+        side = np.where(second[places], 1.0, -1.0)
+        # MuJoCo's normal points from the first geom to the second; x stays, and y follows.
+        axes = seen.frame[places].reshape(-1, 3, 3)
+        axes[:, ::2] *= side[:, None, None]
+        return _Contacts(
+            places, ordered[places], bodies[places], side, seen.pos[places], axes,
+            *_friction(seen.dim[places], seen.friction[places]), left_out,
+        )  # fmt: skip
+
+    def _hand_of(self, moving: NDArray[np.bool_], moments: Array, couplings: Array) -> _Hand:
+        """Return the hand that moves the degrees of freedom ``moving``; the last one if it does.
+
+        Whatever it is made from is compared bit by bit, so that a hand whose moment arms change
+        is made anew, and one with a motor a joint stays.
+        """
+        key = (moving.tobytes(), moments.tobytes(), couplings.tobytes())
+        if self._hand is not None and key == self._hand.key:
+            return self._hand
+        chosen, coupled = self._chosen, couplings
+        if chosen is not None:
+            moving = moving | np.any(moments[chosen] != 0, axis=0)
+            coupled = np.vstack((couplings, np.delete(moments, chosen, axis=0)))
+        dofs = connected_dofs(moving, np.vstack((moments, couplings)))
+        if chosen is None:
+            chosen = taking_part(moments, dofs)
+        motors = choose_motors([self._drives[i] for i in chosen], self._tau_max)
+        rows = moments[[self._drives.index(each) for each in motors.drives]]
+        moved = transmission(rows[:, dofs], coupled[:, dofs])
+        return _Hand(key, moments, couplings, dofs, motors, moved)
+
+    def _screws(self, data: Any, dofs: Indices, origin: Array) -> Array:
+        """Return the motion by each joint's, [linear at ``origin``; angular], shape (n_dofs, 6)."""
+        about_root = data.cdof[dofs]  # [angular; linear] at the centre of mass of the dof's tree
+        angular = about_root[:, :3]
+        arm = origin - data.subtree_com[self._root_of_dof[dofs]]
+        linear = about_root[:, 3:] + (_cross_matrices(arm) @ -angular[..., None])[..., 0]
+        return np.concatenate((linear, angular), axis=1)
+
+    def _bias(self, data: Any) -> Array:
+        """Return the generalised forces at which nothing accelerates without contacts, shape (nv,).
+
+        Of gravity compensation the passive forces have only what no motor gives.
+        """
+        by_motor = data.qfrc_gravcomp * self._model.jnt_actgravcomp[self._model.dof_jntid]
+        return np.array(data.qfrc_bias - data.qfrc_passive - by_motor)
+
+
+def held_grasp(
     model: Any,
     data: Any,
     object_body: str | int,
     fingertips: Sequence[str] | None,
     tau_max: float | Mapping[str, float] | None,
-) -> Reading:
-    """Return the grasp; see :meth:`graspforce.Grasp.from_mujoco`.
+) -> MujocoGrasp:
+    """Return the grasp of an object that fingers hold; see :meth:`graspforce.Grasp.from_mujoco`.
 
     Raises:
-        MissingExtraError: MuJoCo is not installed.
-        InvalidInputError: a name that is not there; an object that is fixed or not held.
-        ModelImportError: a drive without a torque limit.
+        InvalidInputError: as :class:`MujocoGrasp`; no finger touches, or not all ``fingertips``.
     """
-    mj = mujoco_module()
-    for given, kind, argument in ((model, mj.MjModel, "model"), (data, mj.MjData, "data")):
-        if not isinstance(given, kind):
-            raise InvalidInputError(
-                f"{argument}: got a {type(given).__name__}, expected an mujoco.{kind.__name__}"
-            )
-    held = _object(model, object_body)
-    candidates, motor_notes = drives(model)
-    moments = drive_rows(model, data, candidates)
-    if candidates and not moments.any():
-        raise InvalidInputError(
-            "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
-        )
-    contacts, bodies, contact_notes = _contacts(model, data, held, moments)
-    name = name_of(model, mj.mjtObj.mjOBJ_BODY, held)
+    grasp = MujocoGrasp(model, data, object_body, tau_max=tau_max)
     if fingertips is not None:
-        _require(model, name, bodies, fingertips)
-    absent = _absent(model, data, bodies, moments)
-    if not bodies:
-        raise _not_held(name, absent)
-    moved = what_moves(model, data, bodies, candidates)
-
-    def configuration_with(drives: Sequence[Drive]) -> MujocoConfiguration:
-        return MujocoConfiguration(model, data, moved.dofs, drives)
-
-    hand = actuate(configuration_with, moved.drives, tau_max)
-    if not hand.joint_names:
-        raise _not_held(name, absent)
-    twists = [
-        hand.configuration.body_twist(body, contact.point)
-        for contact, body in zip(contacts, bodies, strict=True)
-    ]
-    warnings = (*contact_notes, *hand.warnings)
-    notes = [*hand.notes, *motor_notes]
-    if absent:
-        notes.append(f"not in contact with {name!r}: {', '.join(absent)}")
-    if int(model.opt.cone) == int(mj.mjtCone.mjCONE_PYRAMIDAL):
-        notes.append("the simulation's friction pyramids lie inside the exact cones of the grasp")
-    warn(*warnings)
-    return Reading(
-        tuple(contacts),
-        tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in bodies),
-        np.array(data.xipos[held]),
-        hand.actuation(full_jacobian(contacts, twists), _bias(model, data)[moved.dofs]),
-        (*warnings, *notes),
-    )
-
-
-def _object(model: Any, object_body: object) -> int:
-    """Return the number of the object's body, which has to be able to move."""
-    mj = mujoco_module()
-    if isinstance(object_body, str):
-        names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
-        as_link(object_body, "object_body", [name for name in names if name])
-        body = names.index(object_body)
-    else:
-        try:
-            body = operator.index(object_body)  # pyright: ignore[reportArgumentType]
-        except TypeError:
-            body = -1
-        if not 0 <= body < model.nbody:
-            raise InvalidInputError(
-                f"object_body: got {came(object_body)}, expected a body's name or its number, "
-                f"below {model.nbody}"
-            )
-    if not model.body_weldid[body]:
+        grasp.require_contact(fingertips)
+    if not grasp.joint_names:
+        absent = ", ".join(grasp.fingers_without_contact()) or "none, as no motor moves any body"
         raise InvalidInputError(
-            f"object_body: {object_body!r} is fixed to the world, expected a body that can move"
+            f"data: no finger is in contact with {grasp.object_name!r} (read after mj_step or "
+            f"mj_forward); fingers without contact: {absent}"
         )
-    return body
+    return grasp
 
 
-def _contacts(
-    model: Any, data: Any, held: int, moments: Array
-) -> tuple[list[Contact], list[int], list[str]]:
-    """Return the object's active contacts, the body that makes each, and what was left out."""
+def _as_body(model: Any, body: object, argument: str) -> int:
+    """Return a body's number, given that or its name."""
     mj = mujoco_module()
-    seen = data.contact
-    geoms = np.array(seen.geom)
-    rigid = model.body_weldid[model.geom_bodyid[geoms]] == model.body_weldid[held]
-    rigid &= geoms >= 0  # −1 is a deformable body
-    contacts: list[Contact] = []
-    bodies: list[int] = []
-    notes: list[str] = []
-    for i in np.flatnonzero((rigid.sum(axis=1) == 1) & (np.array(seen.exclude) == 0)):
-        second = bool(rigid[i, 1])
-        other = int(geoms[i, 0 if second else 1])
-        if other < 0:
-            notes.append("a contact with a deformable body is left out")
-            continue
-        body = int(model.geom_bodyid[other])
-        if is_loose(model, body, moments):
-            name = name_of(model, mj.mjtObj.mjOBJ_BODY, body)
-            notes.append(f"the contact with {name!r} is left out: that body is loose itself")
-            continue
-        # MuJoCo's normal points from the first geom to the second.
-        frame = np.array(seen.frame[i]).reshape(3, 3)
-        model_of_contact = _friction(int(seen.dim[i]), seen.friction[i])
-        normal = frame[0] if second else -frame[0]
-        contacts.append(Contact(seen.pos[i], normal, model_of_contact, frame[1]))
-        bodies.append(body)
-    return contacts, bodies, list(dict.fromkeys(notes))
+    if isinstance(body, str):
+        number = int(mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, body))
+        if number < 0:
+            names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
+            as_link(body, argument, [name for name in names if name])
+        return number
+    try:
+        number = operator.index(body)  # pyright: ignore[reportArgumentType]
+    except TypeError:
+        number = -1
+    if not 0 <= number < model.nbody:
+        raise InvalidInputError(
+            f"{argument}: got {came(body)}, expected a body's name or its number, below "
+            f"{model.nbody}"
+        )
+    return number
 
 
-def _friction(dim: int, friction: Array) -> ContactModel:
-    """Return the contact model that lies within MuJoCo's cone.
+def _indices(joints: Sequence[str], candidates: Sequence[Drive]) -> list[int]:
+    """Return which of the drives have the names ``joints``, in their order."""
+    joints = as_tuple(joints, "joints", str)
+    names = [drive.limit.name for drive in candidates]
+    for name in joints:
+        if name not in names or joints.count(name) > 1:
+            problem = "twice" if name in names else "which has no motor"
+            raise InvalidInputError(
+                f"joints: got {name!r}{' ' if name in names else ', '}{problem}, expected each "
+                f"once of {', '.join(names)}"
+            )
+    return [names.index(name) for name in joints]
+
+
+def _require_data(data: Any, model: Any) -> None:
+    """Raise unless ``data`` belongs to ``model`` or to a copy of it."""
+    if not isinstance(data, mujoco_module().MjData):
+        raise InvalidInputError(f"data: got a {type(data).__name__}, expected an mujoco.MjData")
+    if data.signature != model.signature:
+        raise InvalidInputError("data: of another model than ``model``, expected data of this one")
+
+
+def _friction(dim: Array, friction: Array) -> tuple[Indices, Array, Array]:
+    """Return components, mu and gamma of the contact models that lie within MuJoCo's cones.
 
     MuJoCo's least coefficient, which it puts in place of 0, is no friction. Of two tangential
     coefficients the smaller counts; rolling friction (dim 6) is not used.
     """
     least = float(mujoco_module().mjMINMU)
-    mu, gamma = float(min(friction[:2])), float(friction[2])
-    if dim == 1 or mu <= least:
-        return FPC()
-    if dim == 3 or gamma <= least:
-        return PCWF(mu)
-    return SFC(mu, gamma)
+    mu, gamma = friction[:, :2].min(axis=1), friction[:, 2]
+    dims = np.where((dim == 1) | (mu <= least), 1, np.where((dim == 3) | (gamma <= least), 3, 4))
+    return dims, mu, gamma
 
 
-def _bias(model: Any, data: Any) -> Array:
-    """Return what the joints must give before they push, shape (nv,).
-
-    Gravity and Coriolis forces less what springs, fluid and gravity compensation contribute.
-    Joint damping is not fed forward: it is there to damp.
-    """
-    passive = data.qfrc_passive - data.qfrc_damper
-    by_motor = data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
-    return np.array(data.qfrc_bias - passive - by_motor)
+def _components(dims: Indices) -> NDArray[np.bool_]:
+    """Return which of [normal, x, y, torsion] each contact has, shape (n, 4): the first ones."""
+    return np.arange(4) < dims[:, None]
 
 
-def _require(model: Any, name: str, bodies: Sequence[int], fingertips: Sequence[str]) -> None:
-    """Raise unless each of the fingertips touches the object."""
-    touching = {int(model.body_weldid[body]) for body in bodies}
-    tips = {tip: body_of(model, tip) for tip in as_fingertips(fingertips, links_of(model))}
-    absent = [tip for tip, body in tips.items() if int(model.body_weldid[body]) not in touching]
-    if absent:
-        raise InvalidInputError(
-            f"data: {', '.join(absent)} not in contact with {name!r}, expected all of the "
-            f"fingertips {', '.join(tips)} to be"
-        )
+def _wrenches(contacts: _Contacts, origin: Array) -> Array:
+    """Return the wrench of each component of c about ``origin``, shape (m, 6)."""
+    axes = contacts.axes
+    wrenches = np.zeros((len(axes), 4, 6))
+    wrenches[:, :3, :3] = axes
+    wrenches[:, :3, 3:] = axes @ -_cross_matrices(contacts.points - origin)
+    wrenches[:, 3, 3:] = axes[:, 0]
+    return wrenches[_components(contacts.dims)]
 
 
-def _absent(model: Any, data: Any, bodies: Sequence[int], moments: Array) -> list[str]:
-    """Return the last bodies of the fingers, as far as they are not among ``bodies``."""
-    driven = np.zeros(model.nv, dtype=bool)
-    driven[np.nonzero(moments)[1]] = True
-    driven[connected_dofs(driven, coupling_rows(model, data))] = True
-    touching = {int(model.body_weldid[body]) for body in bodies}
-    inner = set(model.body_parentid.tolist())
-    return [
-        name_of(model, mujoco_module().mjtObj.mjOBJ_BODY, body)
-        for body in range(1, model.nbody)
-        if body not in inner
-        and int(model.body_weldid[body]) not in touching
-        and (dofs_above(model, body) & driven).any()
-    ]
-
-
-def _not_held(name: str, absent: Sequence[str]) -> InvalidInputError:
-    return InvalidInputError(
-        f"data: no finger is in contact with {name!r} (read after mj_step or mj_forward); fingers "
-        f"without contact: {', '.join(absent) or 'none, as no motor moves any body'}"
-    )
+def _cross_matrices(arms: Array) -> Array:
+    """Return matrices K with ``K[i] @ v = arms[i] × v``, shape (n, 3, 3)."""
+    matrices = np.zeros((len(arms), 3, 3))
+    x, y, z = arms.T
+    matrices[:, 0, 1], matrices[:, 1, 0] = -z, z
+    matrices[:, 2, 0], matrices[:, 0, 2] = -y, y
+    matrices[:, 1, 2], matrices[:, 2, 1] = -x, x
+    return matrices

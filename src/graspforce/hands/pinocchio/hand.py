@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from graspforce._arrays import Array, require_instance
 from graspforce.errors import ModelImportError, warn
-from graspforce.hands.configuration import actuate
+from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
 from graspforce.hands.imported import (
     ImportedHand,
     as_fingertips,
@@ -76,18 +76,19 @@ def from_urdf(
         for each in joint_drives(model)
         if each.dof in dofs and each.limit.name not in following
     ]
-
-    def configuration_with(drives: Sequence[JointDrive]) -> PinocchioConfiguration:
-        return PinocchioConfiguration(model, pin.neutral(model), dofs, drives, couplings)
-
-    hand = actuate(configuration_with, drives, tau_max)
-    fingers = fingers_of(hand, tips)
-    free = tuple(name for name in hand.configuration.dof_names if name not in following)
-    robot = PinocchioRobot(model, dofs, hand.drives, couplings, free, mimics)
-    warn(*hand.warnings)
+    motors = choose_motors(drives, tau_max)
+    configuration = PinocchioConfiguration(
+        model, pin.neutral(model), dofs, motors.drives, couplings
+    )
+    fingers = fingers_of(configuration, motors, tips)
+    free = tuple(name for name in configuration.dof_names if name not in following)
+    robot = PinocchioRobot(model, dofs, motors.drives, couplings, free, mimics)
+    told = (motors, configuration.transmission, configuration.dof_names)
+    warnings = warnings_of(*told)
+    warn(*warnings)
     return ImportedHand(
-        hand.joint_names, free, hand.tau_lo, hand.tau_hi, fingers, tips, tuple(tips.values()),
-        (*hand.warnings, *hand.notes), robot,
+        motors.joint_names, free, motors.tau_lo, motors.tau_hi, fingers, tips,
+        tuple(tips.values()), (*warnings, *notes_of(*told)), robot,
     )  # fmt: skip
 
 

@@ -99,13 +99,17 @@ class PinocchioConfiguration:
         couplings: Array,
     ) -> None:
         """Compute how the drives move the degrees of freedom, and where the frames are."""
-        pin = pinocchio_module()
         self._model, self._frames, self._dofs = model, frames_of(model), dofs
         self._data = model.createData()
-        pin.computeJointJacobians(model, self._data, q)
-        pin.updateFramePlacements(model, self._data)
+        self.update(q)
         rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
         self.transmission: Transmission = transmission(rows[:, dofs], couplings[:, dofs])
+
+    def update(self, q: Array) -> None:
+        """Compute where the frames are at the configuration q, shape (nq,)."""
+        pin = pinocchio_module()
+        pin.computeJointJacobians(self._model, self._data, q)
+        pin.updateFramePlacements(self._model, self._data)
 
     @property
     def dof_names(self) -> tuple[str, ...]:
