@@ -232,7 +232,7 @@ class Scene:
 
     def contact_jacobian(self, contacts: Sequence[Contact]) -> Array:
         """Return J of contacts made by the fingers in their order, shape (m, n_joints)."""
-        return self.grasp.jacobian(self.data, contacts, self._tip_bodies)
+        return self.grasp.jacobian(contacts, self._tip_bodies)
 
     def tip(self, finger: int) -> tuple[Array, float]:
         """Return a tip's centre, shape (3,), and its radius [m]."""

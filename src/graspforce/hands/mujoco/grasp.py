@@ -22,6 +22,7 @@ from graspforce.grasp_map import map_about
 from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips, as_link
+from graspforce.hands.limits import has_motor
 from graspforce.hands.mujoco.model import (
     Drive,
     body_of,
@@ -200,10 +201,11 @@ class MujocoGrasp:
         hand = self._hand_of(np.any(acting != 0, axis=0), moments, couplings)
         origin = np.array(data.subtree_com[self._top])
         wrenches = _wrenches(contacts, origin)
-        full = wrenches @ self._screws(data, hand.dofs, origin).T
+        screws = self._read_screws(data, hand.dofs, origin)
+        full = wrenches @ screws.T
         full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
         actuation = hand.motors.actuation(hand.transmission, full, self._bias(data)[hand.dofs])
-        self._contacts, self._hand = contacts, hand
+        self._contacts, self._hand, self._screws = contacts, hand, screws
         self.origin, self.actuation = origin, actuation
         self.W = np.ascontiguousarray(wrenches.T)
         (
@@ -284,11 +286,10 @@ class MujocoGrasp:
         """The contacts' unit normals into the object, shape (n, 3)."""
         return self._contacts.axes[:, 0]
 
-    def jacobian(self, data: Any, contacts: Sequence[Contact], links: Sequence[str | int]) -> Array:
+    def jacobian(self, contacts: Sequence[Contact], links: Sequence[str | int]) -> Array:
         """Return J of contacts that do not come from MuJoCo: measured or planned ones.
 
         Args:
-            data: as last read by :meth:`update`.
             contacts: n contacts, in the world's axes.
             links: for each the body that makes it, or of the object the body that it is on, by
                 name or number.
@@ -306,7 +307,7 @@ class MujocoGrasp:
                 f"links: got {len(links)}, expected {len(given)}, one a contact"
             )
         bodies = [_as_body(self._model, link, "links") for link in links]
-        full = map_about(self.origin, given).T @ self._screws(data, hand.dofs, self.origin).T
+        full = map_about(self.origin, given).T @ self._screws.T
         dims = [contact.model.dim for contact in given]
         full *= np.repeat(self._acting[bodies][:, hand.dofs], dims, axis=0)
         return full @ hand.transmission.driven
@@ -414,7 +415,12 @@ class MujocoGrasp:
         chosen, coupled = self._chosen, couplings
         if chosen is not None:
             moving = moving | np.any(moments[chosen] != 0, axis=0)
-            coupled = np.vstack((couplings, np.delete(moments, chosen, axis=0)))
+            holding = [
+                i
+                for i, drive in enumerate(self._drives)
+                if i not in chosen and has_motor(drive.limit, {})
+            ]
+            coupled = np.vstack((couplings, moments[holding]))
         dofs = connected_dofs(moving, np.vstack((moments, couplings)))
         if chosen is None:
             chosen = taking_part(moments, dofs)
@@ -423,7 +429,7 @@ class MujocoGrasp:
         moved = transmission(rows[:, dofs], coupled[:, dofs])
         return _Hand(key, moments, couplings, dofs, motors, moved)
 
-    def _screws(self, data: Any, dofs: Indices, origin: Array) -> Array:
+    def _read_screws(self, data: Any, dofs: Indices, origin: Array) -> Array:
         """Return the motion by each joint's, [linear at ``origin``; angular], shape (n_dofs, 6)."""
         about_root = data.cdof[dofs]  # [angular; linear] at the centre of mass of the dof's tree
         angular = about_root[:, :3]
