@@ -375,6 +375,17 @@ def test_what_moves_on_an_object_belongs_to_it():
     np.testing.assert_allclose(grasp.passive_loads, sign * -data.qfrc_bias[hinge], atol=1e-12)
 
 
+def test_joints_that_carry_the_object_are_not_the_hands():
+    """A cube on a rail: what its own joint bears is left to the wrench that is asked for."""
+    rail = CUBE.replace("<freejoint/>", '<joint name="rail" type="slide" axis="0 0 1"/>')
+    free, on_rail = scene(), scene(world=rail)
+    grasp = gf.Grasp.from_mujoco(*on_rail, "cube")
+    expected = gf.Grasp.from_mujoco(*free, "cube")
+    np.testing.assert_allclose(grasp.J, expected.J, atol=1e-15)
+    assert grasp.passive_rows.shape == (0, 12)
+    assert grasp.notes == ()
+
+
 # ---- which joints ------------------------------------------------------------------------------
 
 ARM = """<body name="palm"><joint name="lift" type="slide" axis="0 0 1"/><joint name="turn"
@@ -450,6 +461,14 @@ def test_wrong_arguments_are_named():
     refused("links: got 99, expected a body's name or its number, below 15", reader.jacobian,
             reader.contacts[:1], [99])  # fmt: skip
     refused("contacts: got none", reader.jacobian, [], [])
+    contact = reader.contacts[1]
+    data.qpos[4] += 0.3  # finger 2 leans outwards
+    mujoco.mj_forward(model, data)
+    reader.update(data)
+    refused("links: 'f2_distal' is moved by other joints than", reader.jacobian, [contact],
+            ["f2_distal"])  # fmt: skip
+    J = MujocoGrasp(model, data, "cube", JOINTS).jacobian([contact], ["f2_distal"])
+    assert J[:, 3:6].any()
 
 
 def test_an_update_that_is_refused_changes_nothing():

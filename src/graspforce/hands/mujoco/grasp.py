@@ -299,7 +299,8 @@ class MujocoGrasp:
 
         Raises:
             InvalidInputError: something that is no contact, another number of links, a name that
-                is not there.
+                is not there; a link of other joints than those that move what touches, where
+                these were not given.
         """
         given, hand = as_contacts(contacts), self._found
         if len(links) != len(given):
@@ -307,6 +308,13 @@ class MujocoGrasp:
                 f"links: got {len(links)}, expected {len(given)}, one a contact"
             )
         bodies = [_as_body(self._model, link, "links") for link in links]
+        if self._chosen is None:
+            elsewhere = np.delete(self._acting[bodies], hand.dofs, axis=1).any(axis=1)
+            for link in np.array(links)[elsewhere].tolist():
+                raise InvalidInputError(
+                    f"links: {link!r} is moved by other joints than those that move what touches; "
+                    "expected a MujocoGrasp with joints=…"
+                )
         full = map_about(self.origin, given).T @ self._screws.T
         dims = [contact.model.dim for contact in given]
         full *= np.repeat(self._acting[bodies][:, hand.dofs], dims, axis=0)
@@ -316,8 +324,8 @@ class MujocoGrasp:
         """Return the contact forces of the physics, shape (m,): what came of the forces asked for.
 
         Args:
-            data: as last read by :meth:`update`, and then stepped by ``mj_step2`` or
-                ``mj_forward``; after ``mj_step`` the forces are still those of the step before.
+            data: as last read by :meth:`update`; where that was after ``mj_step1``, then stepped
+                by ``mj_step2``, which computes the forces.
         """
         here, mj = self._contacts, mujoco_module()
         c = np.zeros((len(here.places), 6))
