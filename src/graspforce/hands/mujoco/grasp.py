@@ -10,19 +10,20 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array, as_tuple, came
-from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel, as_contacts
+from graspforce.contact import Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError, warn
 from graspforce.grasp_map import map_about
 from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.limits import has_motor
+from graspforce.hands.mujoco.contacts import ContactReader, Indices, cross_matrices
 from graspforce.hands.mujoco.model import (
     Drive,
     body_of,
@@ -32,36 +33,11 @@ from graspforce.hands.mujoco.model import (
     drive_rows,
     drives,
     links_of,
-    loose_bodies,
     mujoco_module,
     name_of,
     taking_part,
 )
 from graspforce.hands.transmission import Transmission, connected_dofs, transmission
-
-Indices: TypeAlias = NDArray[np.intp]
-
-
-class _Contacts(NamedTuple):
-    """The object's n active contacts."""
-
-    places: Indices
-    """In ``data.contact``."""
-    geoms: Indices
-    """shape (n, 2): what makes the contact, and the object's."""
-    bodies: Indices
-    """Theirs."""
-    side: Array
-    """1 where the object's geom is the second, −1 where it is the first."""
-    points: Array
-    axes: Array
-    """shape (n, 3, 3): rows normal into the object, x, y."""
-    dims: Indices
-    """Components of each: 1 for FPC, 3 for PCWF, 4 for SFC."""
-    mu: Array
-    gamma: Array
-    left_out: Indices
-    """Bodies that make contacts which are left out; −1 for a deformable one."""
 
 
 class _Hand(NamedTuple):
@@ -170,10 +146,7 @@ class MujocoGrasp:
         self._acting = above.astype(float)
         self._acting[inside] = -1.0 * (above[inside] & ~above[self._top])
         self._above = above
-        # The last entry is for a deformable body's −1.
-        self._of_object: NDArray[np.bool_] = np.append(inside[model.geom_bodyid], False)
-        self._body_of_geom: Indices = np.append(model.geom_bodyid, 0)
-        self._floating = loose_bodies(model, np.zeros((0, model.nv)))
+        self._reader = ContactReader(model, inside)
         self._root_of_dof = model.body_rootid[model.dof_bodyid]
         self._hand: _Hand | None = None
         self.update(data)
@@ -196,11 +169,11 @@ class MujocoGrasp:
             raise InvalidInputError(
                 "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
             )
-        contacts = self._read_contacts(data, moments)
+        contacts = self._reader.read(data, moments)
         acting = self._acting[contacts.bodies].sum(axis=1)
         hand = self._hand_of(np.any(acting != 0, axis=0), moments, couplings)
         origin = np.array(data.subtree_com[self._top])
-        wrenches = _wrenches(contacts, origin)
+        wrenches = contacts.wrenches(origin)
         screws = self._read_screws(data, hand.dofs, origin)
         full = wrenches @ screws.T
         full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
@@ -216,21 +189,12 @@ class MujocoGrasp:
     @property
     def contacts(self) -> tuple[Contact, ...]:
         """The object's active contacts, in the order of ``data.contact``."""
-        here = self._contacts
-        return tuple(
-            Contact(point, axes[0], model, axes[1])
-            for point, axes, model in zip(here.points, here.axes, self.models, strict=True)
-        )
+        return self._contacts.contacts
 
     @property
     def models(self) -> tuple[ContactModel, ...]:
         """The contacts' models: the cone that lies within MuJoCo's."""
-        here = self._contacts
-        numbers = zip(here.dims.tolist(), here.mu.tolist(), here.gamma.tolist(), strict=True)
-        return tuple(
-            FPC() if dim == 1 else PCWF(mu) if dim == 3 else SFC(mu, gamma)
-            for dim, mu, gamma in numbers
-        )
+        return self._contacts.models
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -327,14 +291,7 @@ class MujocoGrasp:
             data: as last read by :meth:`update`; where that was after ``mj_step1``, then stepped
                 by ``mj_step2``, which computes the forces.
         """
-        here, mj = self._contacts, mujoco_module()
-        c = np.zeros((len(here.places), 6))
-        for force, index in zip(c, here.places.tolist(), strict=True):
-            mj.mj_contactForce(self._model, data, index, force)
-        # MuJoCo's is on the second geom. With the other sign its axes normal and y are turned
-        # round, so that of its components only that along x changes its sign.
-        c[:, 1] *= here.side
-        return c[:, :4][_components(here.dims)]
+        return self._contacts.forces(self._model, data)
 
     def fingers_without_contact(self) -> list[str]:
         """Return the last bodies of chains that motors move, as far as they lack contact."""
@@ -388,29 +345,6 @@ class MujocoGrasp:
             *warnings_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
         )
 
-    def _read_contacts(self, data: Any, moments: Array) -> _Contacts:
-        seen = data.contact
-        geoms: Indices = seen.geom
-        of_object = self._of_object[geoms]
-        second = of_object[:, 1]
-        ordered: Indices = np.where(second[:, None], geoms, geoms[:, ::-1])
-        bodies = self._body_of_geom[ordered]
-        active = (of_object[:, 0] != second) & (seen.exclude == 0)
-        deformable = ordered[:, 0] < 0
-        usable = ~deformable
-        if self._floating[bodies[active, 0]].any():  # else there is nothing loose at hand
-            usable &= ~loose_bodies(self._model, moments)[bodies[:, 0]]
-        left_out = np.where(deformable, -1, bodies[:, 0])[active & ~usable]
-        places = np.flatnonzero(active & usable)
-        side = np.where(second[places], 1.0, -1.0)
-        # MuJoCo's normal points from the first geom to the second; x stays, and y follows.
-        axes = seen.frame[places].reshape(-1, 3, 3)
-        axes[:, ::2] *= side[:, None, None]
-        return _Contacts(
-            places, ordered[places], bodies[places], side, seen.pos[places], axes,
-            *_friction(seen.dim[places], seen.friction[places]), left_out,
-        )  # fmt: skip
-
     def _hand_of(self, moving: NDArray[np.bool_], moments: Array, couplings: Array) -> _Hand:
         """Return the hand that moves the degrees of freedom ``moving``; the last one if it does.
 
@@ -442,7 +376,7 @@ class MujocoGrasp:
         about_root = data.cdof[dofs]  # [angular; linear] at the centre of mass of the dof's tree
         angular = about_root[:, :3]
         arm = origin - data.subtree_com[self._root_of_dof[dofs]]
-        linear = about_root[:, 3:] + (_cross_matrices(arm) @ -angular[..., None])[..., 0]
+        linear = about_root[:, 3:] + (cross_matrices(arm) @ -angular[..., None])[..., 0]
         return np.concatenate((linear, angular), axis=1)
 
     def _bias(self, data: Any) -> Array:
@@ -519,40 +453,3 @@ def _require_data(data: Any, model: Any) -> None:
         raise InvalidInputError(f"data: got a {type(data).__name__}, expected an mujoco.MjData")
     if data.signature != model.signature:
         raise InvalidInputError("data: of another model than ``model``, expected data of this one")
-
-
-def _friction(dim: Array, friction: Array) -> tuple[Indices, Array, Array]:
-    """Return components, mu and gamma of the contact models that lie within MuJoCo's cones.
-
-    MuJoCo's least coefficient, which it puts in place of 0, is no friction. Of two tangential
-    coefficients the smaller counts; rolling friction (dim 6) is not used.
-    """
-    least = float(mujoco_module().mjMINMU)
-    mu, gamma = friction[:, :2].min(axis=1), friction[:, 2]
-    dims = np.where((dim == 1) | (mu <= least), 1, np.where((dim == 3) | (gamma <= least), 3, 4))
-    return dims, mu, gamma
-
-
-def _components(dims: Indices) -> NDArray[np.bool_]:
-    """Return which of [normal, x, y, torsion] each contact has, shape (n, 4): the first ones."""
-    return np.arange(4) < dims[:, None]
-
-
-def _wrenches(contacts: _Contacts, origin: Array) -> Array:
-    """Return the wrench of each component of c about ``origin``, shape (m, 6)."""
-    axes = contacts.axes
-    wrenches = np.zeros((len(axes), 4, 6))
-    wrenches[:, :3, :3] = axes
-    wrenches[:, :3, 3:] = axes @ -_cross_matrices(contacts.points - origin)
-    wrenches[:, 3, 3:] = axes[:, 0]
-    return wrenches[_components(contacts.dims)]
-
-
-def _cross_matrices(arms: Array) -> Array:
-    """Return matrices K with ``K[i] @ v = arms[i] × v``, shape (n, 3, 3)."""
-    matrices = np.zeros((len(arms), 3, 3))
-    x, y, z = arms.T
-    matrices[:, 0, 1], matrices[:, 1, 0] = -z, z
-    matrices[:, 2, 0], matrices[:, 0, 2] = -y, y
-    matrices[:, 1, 2], matrices[:, 2, 1] = -x, x
-    return matrices
