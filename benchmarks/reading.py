@@ -69,13 +69,13 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=1000)
     parser.add_argument("--save", type=writable, help="write the table to this file")
     options = parser.parse_args()
-    table = Table(title="times of a call [µs], 16 joints: median")
+    table = Table(title="times of a call [µs], 16 joints: a tenth is below")
     table.add_column("")
     for contacts in TIPS:
         table.add_column(contacts, justify="right")
     measured = [times(tip, options.rounds) for tip in TIPS.values()]
     for name in measured[0]:
-        table.add_row(name, *(f"{np.median(each[name]):.3g}" for each in measured))
+        table.add_row(name, *(f"{np.percentile(each[name], 10):.4g}" for each in measured))
     show(table, save=options.save, width=80)
     return 0
 

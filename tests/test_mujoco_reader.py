@@ -419,6 +419,22 @@ def test_joints_that_are_not_asked_for_are_held_by_others():
     assert reader.notes == ()
 
 
+def test_a_motor_without_torque_holds_nothing():
+    text = paper_hand_xml(world=CUBE, tip=PAD, options=FIRM)
+    text = text.replace('"finger1_knee" axis', '"finger1_knee" actuatorfrcrange="-1e-9 0" axis')
+    text = text.replace('"finger1_knee" ctrllimited="true" ctrlrange="-.5 .5"',
+                        '"finger1_knee" ctrllimited="true" ctrlrange="0 .5"')  # fmt: skip
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:] = scene()[1].qpos
+    mujoco.mj_forward(model, data)
+    wanted = tuple(each for each in JOINTS if each != JOINTS[2])
+    with pytest.warns(UserWarning, match="no motor controls 'finger1_knee'"):
+        reader = MujocoGrasp(model, data, "cube", wanted)
+    assert reader.joint_names == wanted
+    assert len(reader.passive_rows) == 1
+
+
 def test_joints_that_touch_nothing_stay_in_the_columns():
     model, data = scene()
     reader = MujocoGrasp(model, data, "cube", JOINTS)
