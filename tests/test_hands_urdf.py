@@ -412,6 +412,15 @@ def moved_point(model, q, q_moved, frame, point):
     return data.oMf[index].act(local)
 
 
+def test_a_robot_of_one_joint(written):
+    path = written(urdf_robot(["palm", "tip"], [urdf_joint("a", "palm", "tip", axis="0 0 1")]))
+    contact = gf.Contact((0.03, 0.0, 0.02), (0, 1, 0), gf.PCWF(0.5), tangent=(0, 0, 1))
+    reader = gf.hands.PinocchioGrasp(pin.buildModelFromUrdf(str(path)), [0.0], [contact], ["tip"])
+    np.testing.assert_allclose(reader.J, [[0.03], [0], [0]], atol=1e-15)
+    hand = from_urdf(path, ["tip"])
+    np.testing.assert_allclose(hand.jacobian([contact], [0.0]), reader.J, atol=1e-15)
+
+
 def test_an_update_that_is_refused_leaves_the_reader(written):
     model, contacts, q = paper_model(written), cube_contacts(), np.zeros(12)
     reader = gf.hands.PinocchioGrasp(model, q, contacts, PADS)

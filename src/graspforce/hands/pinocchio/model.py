@@ -124,7 +124,7 @@ class PinocchioConfiguration:
             pin.getFrameJacobian(
                 self._model, self._data, self._frames[link], pin.LOCAL_WORLD_ALIGNED
             )
-        )
+        ).reshape(6, self._model.nv)  # of one joint, Pinocchio gives a vector
         if point is not None:
             twist[:3] += np.cross(twist[3:], point - self.position(link), axis=0)
         return twist[:, self._dofs]
