@@ -41,7 +41,7 @@ def transmission(drives: Array, couplings: Array) -> Transmission:
         couplings: the joint motions for which ``couplings @ dq`` is not 0 are impossible,
             shape (p, n_dofs).
 
-    Drives that act on the same motion share its load, each in proportion to its lever.
+    Drives that act on the same motion share its load, each in proportion to its moment arm.
     """
     allowed = _null_space(couplings)
     moved = drives @ allowed

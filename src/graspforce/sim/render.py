@@ -30,8 +30,7 @@ from graspforce._arrays import Array
 from graspforce._util.atomic import atomic_write, check_output
 from graspforce.contact import FPC, Contact
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.hands.mujoco_model import no_opengl
-from graspforce.sim.engine import mj
+from graspforce.sim.engine import mj, no_opengl
 from graspforce.sim.log import Log
 from graspforce.sim.trial import Trial
 

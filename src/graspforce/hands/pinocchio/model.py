@@ -1,4 +1,4 @@
-"""What a Pinocchio model says of drives and limits, and a posture's kinematics.
+"""What a Pinocchio model says of drives and limits, and a configuration's kinematics.
 
 A drive is a joint with one degree of freedom. Joints with more (a floating base, a ball joint)
 have no single torque to limit and are taken as held.
@@ -87,25 +87,29 @@ def what_moves(model: Any, links: Sequence[str], couplings: Array) -> NDArray[np
     return connected_dofs(moving, couplings)
 
 
-class PinocchioPosture:
+class PinocchioConfiguration:
     """A model at a configuration."""
 
     def __init__(
         self,
         model: Any,
-        configuration: Array,
+        q: Array,
         dofs: NDArray[np.intp],
         drives: Sequence[JointDrive],
         couplings: Array,
     ) -> None:
         """Compute how the drives move the degrees of freedom, and where the frames are."""
-        pin = pinocchio_module()
         self._model, self._frames, self._dofs = model, frames_of(model), dofs
         self._data = model.createData()
-        pin.computeJointJacobians(model, self._data, configuration)
-        pin.updateFramePlacements(model, self._data)
+        self.update(q)
         rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
         self.transmission: Transmission = transmission(rows[:, dofs], couplings[:, dofs])
+
+    def update(self, q: Array) -> None:
+        """Compute where the frames are at the configuration q, shape (nq,)."""
+        pin = pinocchio_module()
+        pin.computeJointJacobians(self._model, self._data, q)
+        pin.updateFramePlacements(self._model, self._data)
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -120,7 +124,7 @@ class PinocchioPosture:
             pin.getFrameJacobian(
                 self._model, self._data, self._frames[link], pin.LOCAL_WORLD_ALIGNED
             )
-        )
+        ).reshape(6, self._model.nv)  # of one joint, Pinocchio gives a vector
         if point is not None:
             twist[:3] += np.cross(twist[3:], point - self.position(link), axis=0)
         return twist[:, self._dofs]

@@ -12,25 +12,27 @@ from numpy.typing import NDArray
 
 from graspforce._arrays import Array, came
 from graspforce.errors import InvalidInputError, ModelImportError, warn
+from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
 from graspforce.hands.imported import (
     ImportedHand,
     as_fingertips,
     fingers_of,
 )
-from graspforce.hands.mujoco_model import (
+from graspforce.hands.mujoco.model import (
     Drive,
-    MujocoPosture,
+    MujocoConfiguration,
     body_of,
+    coupling_rows,
     dofs_above,
     drive_rows,
     drives,
-    is_loose,
     links_of,
+    loose_bodies,
     mujoco_module,
     name_of,
-    what_moves,
+    taking_part,
 )
-from graspforce.hands.posture import actuate
+from graspforce.hands.transmission import connected_dofs
 
 
 def from_mjcf(
@@ -66,21 +68,24 @@ def from_mjcf(
     bodies = tuple(dict.fromkeys(body_of(model, link) for link in tips.values()))
     candidates, motor_notes = drives(model)
     data = _evaluated(model, model.qpos0)
-    moved = what_moves(model, data, bodies, candidates)
-
-    def posture_with(drives: Sequence[Drive]) -> MujocoPosture:
-        return MujocoPosture(model, data, moved.dofs, drives)
-
-    hand = actuate(posture_with, moved.drives, tau_max)
-    fingers = fingers_of(hand, tips)
+    above = dofs_above(model)
+    moments = drive_rows(model, data, candidates)
+    dofs = connected_dofs(
+        np.any(above[list(bodies)], axis=0), np.vstack((moments, coupling_rows(model, data)))
+    )
+    motors = choose_motors([candidates[i] for i in taking_part(moments, dofs)], tau_max)
+    configuration = MujocoConfiguration(model, data, dofs, motors.drives)
+    fingers = fingers_of(configuration, motors, tips)
     robot = MujocoRobot(
-        model, moved.dofs, hand.drives, _joints(model, moved.dofs.tolist(), hand.joint_names),
-        _links(model, moved.dofs, drive_rows(model, data, candidates)),
+        model, dofs, motors.drives, _joints(model, dofs.tolist(), motors.joint_names),
+        _links(model, dofs, above, loose_bodies(model, moments)),
     )  # fmt: skip
-    warn(*hand.doubts)
+    told = (motors, configuration.transmission, configuration.dof_names)
+    warnings = warnings_of(*told)
+    warn(*warnings)
     return ImportedHand(
-        hand.joint_names, robot.q_names, hand.tau_lo, hand.tau_hi, fingers, tips,
-        tuple(tips.values()), (*hand.doubts, *hand.notes, *motor_notes), robot,
+        motors.joint_names, robot.q_names, motors.tau_lo, motors.tau_hi, fingers, tips,
+        tuple(tips.values()), (*warnings, *notes_of(*told), *motor_notes), robot,
     )  # fmt: skip
 
 
@@ -111,11 +116,11 @@ class MujocoRobot:
 
     @property
     def q_names(self) -> tuple[str, ...]:
-        """The joints whose angles make a posture."""
+        """The joints whose angles make a configuration."""
         joint = mujoco_module().mjtObj.mjOBJ_JOINT
         return tuple(name_of(self.model, joint, index) for index in self.joints.free)
 
-    def posture(self, q: Array) -> MujocoPosture:
+    def configuration(self, q: Array) -> MujocoConfiguration:
         """Return the robot at the joint angles q; whatever else the model has is at qpos0."""
         address, start = self.model.jnt_qposadr, self.model.qpos0
         qpos = np.array(start)
@@ -127,7 +132,7 @@ class MujocoRobot:
                 qpos[address[joint]] = start[address[joint]] + np.polynomial.polynomial.polyval(
                     turned, polynomial
                 )
-        return MujocoPosture(self.model, _evaluated(self.model, qpos), self.dofs, self.drives)
+        return MujocoConfiguration(self.model, _evaluated(self.model, qpos), self.dofs, self.drives)
 
 
 def _load(source: Any) -> Any:
@@ -162,16 +167,12 @@ def _evaluated(model: Any, qpos: Array) -> Any:
     return data
 
 
-def _links(model: Any, dofs: NDArray[np.intp], moments: Array) -> tuple[str, ...]:
+def _links(
+    model: Any, dofs: NDArray[np.intp], above: NDArray[np.bool_], loose: NDArray[np.bool_]
+) -> tuple[str, ...]:
     """Return the bodies and sites that a contact can be on: fixed, or moved by the hand alone."""
-    other = np.ones(model.nv, dtype=bool)
-    other[dofs] = False
-    return tuple(
-        link
-        for link in links_of(model)
-        if not (dofs_above(model, body_of(model, link)) & other).any()
-        and not is_loose(model, body_of(model, link), moments)
-    )
+    usable = ~np.delete(above, dofs, axis=1).any(axis=1) & ~loose
+    return tuple(link for link in links_of(model) if usable[body_of(model, link)])
 
 
 def _joints(model: Any, dofs: Sequence[int], driven: Sequence[str]) -> _Joints:

@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 
 from graspforce._arrays import Array, require_instance
 from graspforce.errors import ModelImportError, warn
+from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
 from graspforce.hands.imported import (
     ImportedHand,
     as_fingertips,
     fingers_of,
 )
-from graspforce.hands.pinocchio_model import (
+from graspforce.hands.pinocchio.model import (
     JointDrive,
-    PinocchioPosture,
+    PinocchioConfiguration,
     dof_names,
     dofs_above,
     frames_of,
@@ -28,7 +29,6 @@ from graspforce.hands.pinocchio_model import (
     pinocchio_module,
     what_moves,
 )
-from graspforce.hands.posture import actuate
 
 
 def from_urdf(
@@ -76,18 +76,19 @@ def from_urdf(
         for each in joint_drives(model)
         if each.dof in dofs and each.limit.name not in following
     ]
-
-    def posture_with(drives: Sequence[JointDrive]) -> PinocchioPosture:
-        return PinocchioPosture(model, pin.neutral(model), dofs, drives, couplings)
-
-    hand = actuate(posture_with, drives, tau_max)
-    fingers = fingers_of(hand, tips)
-    free = tuple(name for name in hand.posture.dof_names if name not in following)
-    robot = PinocchioRobot(model, dofs, hand.drives, couplings, free, mimics)
-    warn(*hand.doubts)
+    motors = choose_motors(drives, tau_max)
+    configuration = PinocchioConfiguration(
+        model, pin.neutral(model), dofs, motors.drives, couplings
+    )
+    fingers = fingers_of(configuration, motors, tips)
+    free = tuple(name for name in configuration.dof_names if name not in following)
+    robot = PinocchioRobot(model, dofs, motors.drives, couplings, free, mimics)
+    told = (motors, configuration.transmission, configuration.dof_names)
+    warnings = warnings_of(*told)
+    warn(*warnings)
     return ImportedHand(
-        hand.joint_names, free, hand.tau_lo, hand.tau_hi, fingers, tips, tuple(tips.values()),
-        (*hand.doubts, *hand.notes), robot,
+        motors.joint_names, free, motors.tau_lo, motors.tau_hi, fingers, tips,
+        tuple(tips.values()), (*warnings, *notes_of(*told)), robot,
     )  # fmt: skip
 
 
@@ -122,7 +123,7 @@ class PinocchioRobot:
             if not (dofs_above(self.model, frame) & other).any()
         )
 
-    def posture(self, q: Array) -> PinocchioPosture:
+    def configuration(self, q: Array) -> PinocchioConfiguration:
         """Return the robot at the joint angles q; joints that move no finger are at 0."""
         pin = pinocchio_module()
         angles = dict(zip(self.q_names, q.tolist(), strict=True))
@@ -132,8 +133,8 @@ class PinocchioRobot:
                     angles[each.joint] = each.multiplier * angles[each.leader] + each.offset
         names = dof_names(self.model)
         turned = np.array([angles.get(names[dof], 0.0) for dof in range(self.model.nv)])
-        configuration = pin.integrate(self.model, pin.neutral(self.model), turned)
-        return PinocchioPosture(self.model, configuration, self.dofs, self.drives, self.couplings)
+        q = pin.integrate(self.model, pin.neutral(self.model), turned)
+        return PinocchioConfiguration(self.model, q, self.dofs, self.drives, self.couplings)
 
 
 def _mimics(path: Path) -> tuple[_Mimic, ...]:

@@ -1,4 +1,4 @@
-"""What a MuJoCo model says of drives, limits and couplings, and a posture's kinematics.
+"""What a MuJoCo model says of drives, limits and couplings, and a configuration's kinematics.
 
 A drive is a joint or a tendon with motors. Motors on sites, bodies, sliders and cranks, or on
 ball joints have no single torque to limit and are left out, by name. The base of a free-floating
@@ -7,17 +7,16 @@ robot is taken as held: its six free degrees of freedom are in nobody's Jacobian
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._arrays import Array
-from graspforce.errors import InvalidInputError, MissingExtraError, RenderError
+from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
 from graspforce.hands.limits import DriveLimit
-from graspforce.hands.transmission import Transmission, connected_dofs, transmission
+from graspforce.hands.transmission import Transmission, transmission
 
 
 def mujoco_module(purpose: str = "reading MuJoCo models", extra: str = "mujoco") -> Any:
@@ -29,31 +28,18 @@ def mujoco_module(purpose: str = "reading MuJoCo models", extra: str = "mujoco")
 
     Raises:
         MissingExtraError: it is not installed.
-        RenderError: it cannot be imported with the MUJOCO_GL that is set.
+        ModelImportError: it cannot be imported: MUJOCO_GL names an OpenGL that is not there.
     """
     try:
         import mujoco  # pyright: ignore[reportMissingTypeStubs]
     except ImportError as error:
         raise MissingExtraError(purpose, "mujoco", extra) from error
     except Exception as error:  # it opens OpenGL's library as it is imported, which fails variously
-        raise no_opengl(os.environ.get("MUJOCO_GL", ""), error) from error
+        raise ModelImportError(
+            f"MuJoCo cannot be imported ({error}); if its OpenGL is missing, set MUJOCO_GL=disable"
+        ) from error
     module: Any = mujoco
     return module
-
-
-def no_opengl(setting: str, cause: object) -> RenderError:
-    """Return what is said where MuJoCo finds no OpenGL.
-
-    Args:
-        setting: of the environment variable MUJOCO_GL.
-        cause: the error that came of it.
-    """
-    return RenderError(
-        f"rendering: MUJOCO_GL={setting or '(not set)'} gives no OpenGL context ({cause}); "
-        "without a screen set MUJOCO_GL=egl and install libegl1 and libgl1-mesa-dri, or set "
-        "MUJOCO_GL=osmesa and install libosmesa6 (Debian's names); simulation without pictures "
-        "needs none: MUJOCO_GL=disable"
-    )
 
 
 class Drive(NamedTuple):
@@ -93,7 +79,7 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
         at_hinge = at_joint and int(model.jnt_type[target]) == hinge
         limit = DriveLimit(
             name_of(model, kind_of_object, target), "N·m" if at_hinge else "N", low, high,
-            _lever(mj, model, target) if at_tendon else float(at_hinge),
+            _moment_arm(mj, model, target) if at_tendon else float(at_hinge),
         )  # fmt: skip
         found[at_tendon, target] = Drive(limit, output, gear)
     for (at_tendon, target), drive in found.items():
@@ -131,7 +117,7 @@ def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _lever(mj: Any, model: Any, tendon: int) -> float:
+def _moment_arm(mj: Any, model: Any, tendon: int) -> float:
     """Return the longest arm of a tendon at a hinge that the model states [m]; 0 for none."""
     first = int(model.tendon_adr[tendon])
     arms = [
@@ -144,15 +130,15 @@ def _lever(mj: Any, model: Any, tendon: int) -> float:
 
 
 def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
-    """Return the drives' motions by joint motion, shape (n_drives, nv), at data's posture."""
-    mj = mujoco_module()
+    """Return the drives' motions by joint motion, shape (n_drives, nv), at data's configuration."""
     moments = np.zeros((model.nout, model.nv))
     if model.nout:
-        mj.mju_sparse2dense(
+        mujoco_module().mju_sparse2dense(
             moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
             data.moment_colind,
         )  # fmt: skip
-    return np.array([moments[drive.output] / drive.gear for drive in each]).reshape(-1, model.nv)
+    gears = np.array([drive.gear for drive in each])
+    return moments[[drive.output for drive in each]] / gears.reshape(-1, 1)
 
 
 def coupling_rows(model: Any, data: Any) -> Array:
@@ -160,72 +146,60 @@ def coupling_rows(model: Any, data: Any) -> Array:
 
     Those that hold a free body (the mount of a hand, an object) are left out.
     """
+    if not data.ne:
+        return np.zeros((0, model.nv))
     mj = mujoco_module()
     rows = np.zeros((data.nefc, model.nv))
-    if data.nefc and mj.mj_isSparse(model):
+    if mj.mj_isSparse(model):
         mj.mju_sparse2dense(
             rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
         )
-    elif data.nefc:
+    else:
         rows = np.array(data.efc_J, dtype=float).reshape(data.nefc, model.nv)
     rows = rows[data.efc_type == int(mj.mjtConstraint.mjCNSTR_EQUALITY)]
-    return rows[~rows[:, _held(model)].any(axis=1)]
+    return rows[~rows[:, _free_joint_dofs(model)].any(axis=1)]
 
 
-def _held(model: Any) -> NDArray[np.bool_]:
+def _free_joint_dofs(model: Any) -> NDArray[np.bool_]:
     free = model.jnt_type == int(mujoco_module().mjtJoint.mjJNT_FREE)
-    held: NDArray[np.bool_] = free[model.dof_jntid]
-    return held
+    dofs: NDArray[np.bool_] = free[model.dof_jntid]
+    return dofs
 
 
-def dofs_above(model: Any, body: int) -> NDArray[np.bool_]:
-    """Return which degrees of freedom move a body, shape (nv,); not a free joint's."""
-    moving = np.zeros(model.nv, dtype=bool)
-    while body:
+def dofs_above(model: Any) -> NDArray[np.bool_]:
+    """Return which degrees of freedom move each body, shape (nbody, nv); not a free joint's."""
+    above = np.zeros((model.nbody, model.nv), dtype=bool)
+    for body in range(1, model.nbody):  # a body comes after its parent
+        above[body] = above[model.body_parentid[body]]
         first = int(model.body_dofadr[body])
-        moving[first : first + int(model.body_dofnum[body])] = True
-        body = int(model.body_parentid[body])
-    return moving & ~_held(model)
+        above[body, first : first + int(model.body_dofnum[body])] = True
+    return above & ~_free_joint_dofs(model)
 
 
-def is_loose(model: Any, body: int, moments: Array) -> bool:
-    """Return whether a body floats freely and belongs to no robot, like an object on a table.
+def loose_bodies(model: Any, moments: Array) -> NDArray[np.bool_]:
+    """Return which bodies float freely and belong to no robot, like an object on a table.
 
     Args:
         model: the model.
-        body: the body's number.
         moments: the drives' motions by joint motion, shape (n_drives, nv); the trees that they
             move are robots, whose floating bases are taken as held.
     """
-    root = model.body_rootid[body]
-    same_tree = model.body_rootid[model.dof_bodyid] == root
-    return bool(_held(model)[same_tree].any() and not moments[:, same_tree].any())
+    root = model.body_rootid[model.dof_bodyid]
+    loose = np.zeros(model.nbody, dtype=bool)
+    loose[root[_free_joint_dofs(model)]] = True
+    loose[root[moments.any(axis=0)]] = False
+    of_body: NDArray[np.bool_] = loose[model.body_rootid]
+    return of_body
 
 
-class Moved(NamedTuple):
-    """What moves some bodies of a model."""
-
-    dofs: NDArray[np.intp]
-    """Degrees of freedom of the joints above them, and of all that these are coupled with."""
-    drives: list[Drive]
-    """In the order of the joints, whatever that of the motors is."""
+def taking_part(moments: Array, dofs: NDArray[np.intp]) -> list[int]:
+    """Return which drives move any of ``dofs``: in the order of these, whatever the motors' is."""
+    first = {i: int(row.argmax()) for i, row in enumerate(moments[:, dofs] != 0) if row.any()}
+    return sorted(first, key=first.__getitem__)
 
 
-def what_moves(model: Any, data: Any, bodies: Iterable[int], candidates: Sequence[Drive]) -> Moved:
-    """Return the degrees of freedom that move ``bodies`` and the drives that take part in it."""
-    moments = drive_rows(model, data, candidates)
-    moving = np.zeros(model.nv, dtype=bool)
-    for body in bodies:
-        moving |= dofs_above(model, body)
-    dofs = connected_dofs(moving, np.vstack((moments, coupling_rows(model, data))))
-    levers = [np.flatnonzero(row) for row in moments[:, dofs]]
-    taking_part = [i for i, own in enumerate(levers) if len(own)]
-    taking_part.sort(key=lambda i: int(levers[i][0]))
-    return Moved(dofs, [candidates[i] for i in taking_part])
-
-
-class MujocoPosture:
-    """A model at the posture for which ``data`` holds positions, moment arms and constraints."""
+class MujocoConfiguration:
+    """A model at the configuration whose positions, moment arms and constraints ``data`` holds."""
 
     def __init__(
         self, model: Any, data: Any, dofs: NDArray[np.intp], drives: Sequence[Drive]
@@ -239,30 +213,29 @@ class MujocoPosture:
     @property
     def dof_names(self) -> tuple[str, ...]:
         """The joints of the degrees of freedom that ``transmission`` speaks of."""
-        mj = mujoco_module()
-        return tuple(
-            name_of(self._model, mj.mjtObj.mjOBJ_JOINT, int(self._model.dof_jntid[dof]))
-            for dof in self._dofs
-        )
-
-    def body_twist(self, body: int, point: Array) -> Array:
-        """Return a body's velocity at a point by each joint's, shape (6, n_dofs)."""
-        twist = np.zeros((6, self._model.nv))
-        mujoco_module().mj_jac(
-            self._model, self._data, twist[:3], twist[3:], point.reshape(3, 1), body
-        )
-        return twist[:, self._dofs]
+        return dof_names(self._model, self._dofs)
 
     def twist(self, link: str, point: Array | None) -> Array:
         """Return the velocity of a body or site by each joint's, shape (6, n_dofs)."""
         at = self.position(link) if point is None else point
-        return self.body_twist(body_of(self._model, link), at)
+        twist = np.zeros((6, self._model.nv))
+        mujoco_module().mj_jac(
+            self._model, self._data, twist[:3], twist[3:], at.reshape(3, 1),
+            body_of(self._model, link),
+        )  # fmt: skip
+        return twist[:, self._dofs]
 
     def position(self, link: str) -> Array:
         """Return the origin of a body or site, shape (3,) [m]."""
         kind, index = find_link(self._model, link)
         origins = self._data.xpos if kind == "body" else self._data.site_xpos
         return np.array(origins[index])
+
+
+def dof_names(model: Any, dofs: NDArray[np.intp]) -> tuple[str, ...]:
+    """Return the names of the degrees of freedom's joints."""
+    joint = mujoco_module().mjtObj.mjOBJ_JOINT
+    return tuple(name_of(model, joint, each) for each in model.dof_jntid[dofs].tolist())
 
 
 def links_of(model: Any) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
-"""A robot at one posture: what moves it, within which limits, and what nothing controls."""
+"""A robot at one configuration: what moves it, within which limits, and what nothing controls."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -23,8 +23,8 @@ class HasLimit(Protocol):
         ...
 
 
-class Posture(Protocol):
-    """A robot at one posture."""
+class Configuration(Protocol):
+    """A robot at one configuration."""
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -49,33 +49,30 @@ class Posture(Protocol):
         ...
 
 
-P = TypeVar("P", bound=Posture)
 D = TypeVar("D", bound=HasLimit)
 
 
-class Actuated(NamedTuple, Generic[P, D]):
-    """A posture with the drives that have motors, and the limits that hold for them."""
+class Motors(NamedTuple, Generic[D]):
+    """The drives that have motors, and the limits that hold for them."""
 
-    posture: P
     drives: tuple[D, ...]
     joint_names: tuple[str, ...]
     tau_lo: Array
     tau_hi: Array
-    doubts: tuple[str, ...]
-    """What should not be believed silently, a sentence each."""
-    notes: tuple[str, ...]
-    """What else there is to know."""
+    warnings: tuple[str, ...]
+    """Limits that may be none of the motor's, a sentence each."""
     idle: tuple[str, ...]
     """Drives whose motors have no torque."""
 
-    def actuation(self, full: Array, bias: Array) -> Actuation:
+    def actuation(self, transmission: Transmission, full: Array, bias: Array) -> Actuation:
         """Return what the joints bring into the force problem.
 
         Args:
+            transmission: how the drives move the joints.
             full: Jacobian over all joints in the contact frames, shape (m, n_dofs).
             bias: what all joints must give besides, shape (n_dofs,).
         """
-        driven, free = self.posture.transmission
+        driven, free = transmission
         loaded = loaded_motions(full, free)
         return Actuation(
             self.joint_names, full @ driven, self.tau_lo, self.tau_hi, driven.T @ bias,
@@ -83,11 +80,7 @@ class Actuated(NamedTuple, Generic[P, D]):
         )  # fmt: skip
 
 
-def actuate(
-    posture_with: Callable[[Sequence[D]], P],
-    drives: Sequence[D],
-    tau_max: float | Mapping[str, float] | None,
-) -> Actuated[P, D]:
+def choose_motors(drives: Sequence[D], tau_max: float | Mapping[str, float] | None) -> Motors[D]:
     """Choose those of the drives that have motors and settle their limits.
 
     Raises:
@@ -95,16 +88,27 @@ def actuate(
         ModelImportError: a drive without a limit.
     """
     given = as_tau_max(tau_max, [each.limit.name for each in drives])
-    kept = [each for each in drives if has_motor(each.limit, given)]
-    idle = [each.limit.name for each in drives if not has_motor(each.limit, given)]
+    kept = tuple(each for each in drives if has_motor(each.limit, given))
     allowed = limits([each.limit for each in kept], given)
-    posture = posture_with(kept)
-    joint_names = tuple(each.limit.name for each in kept)
-    return Actuated(
-        posture, tuple(kept), joint_names, allowed.lo, allowed.hi,
-        (*allowed.reports, *_uncontrolled(posture)),
-        (*idle_notes(idle), *_coupling_notes(posture, joint_names)), tuple(idle),
+    return Motors(
+        kept, tuple(each.limit.name for each in kept), allowed.lo, allowed.hi, allowed.warnings,
+        tuple(each.limit.name for each in drives if not has_motor(each.limit, given)),
     )  # fmt: skip
+
+
+def warnings_of(
+    motors: Motors[D], transmission: Transmission, dof_names: Sequence[str]
+) -> tuple[str, ...]:
+    """Return what should not be believed silently, a sentence each."""
+    return (*motors.warnings, *_uncontrolled(transmission, dof_names))
+
+
+def notes_of(
+    motors: Motors[D], transmission: Transmission, dof_names: Sequence[str]
+) -> tuple[str, ...]:
+    """Return what else there is to know, a sentence each."""
+    coupled = _coupling_notes(transmission, dof_names, motors.joint_names)
+    return (*idle_notes(motors.idle), *coupled)
 
 
 def idle_notes(idle: Sequence[str]) -> list[str]:
@@ -134,17 +138,20 @@ def loaded_motions(full: Array, free: Array) -> Array:
         full: Jacobian over all joints, shape (m, n_dofs).
         free: the motions that no drive takes part in, shape (n_dofs, at least k).
     """
+    if not free.shape[1]:
+        return free
     left, sizes, _ = np.linalg.svd((full @ free).T, full_matrices=False)
     scale = np.abs(full).max(initial=0.0)
     return free @ left[:, sizes > RANK_TOLERANCE * scale]
 
 
-def _coupling_notes(posture: Posture, joint_names: Sequence[str]) -> list[str]:
+def _coupling_notes(
+    transmission: Transmission, dof_names: Sequence[str], joint_names: Sequence[str]
+) -> list[str]:
     """Say which joints a drive moves besides its own, a sentence each."""
     notes: list[str] = []
-    dof_names = posture.dof_names
     for column, drive in enumerate(joint_names):
-        ratios = posture.transmission.driven[:, column]
+        ratios = transmission.driven[:, column]
         others = [
             f"{name!r} by {ratio:.4g}"
             for name, ratio in zip(dof_names, ratios.tolist(), strict=True)
@@ -155,10 +162,9 @@ def _coupling_notes(posture: Posture, joint_names: Sequence[str]) -> list[str]:
     return notes
 
 
-def _uncontrolled(posture: Posture) -> list[str]:
+def _uncontrolled(transmission: Transmission, dof_names: Sequence[str]) -> list[str]:
     """Say which motions no drive takes part in, a sentence for each set of joints."""
-    dof_names = posture.dof_names
-    projector = posture.transmission.free @ posture.transmission.free.T
+    projector = transmission.free @ transmission.free.T
     together = np.abs(projector) > 1e-9
     left = [i for i in range(len(dof_names)) if together[i, i]]
     sentences: list[str] = []
