@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 import graspforce as gf
 from graspforce import reference
 from graspforce.cli.process import as_command
-from graspforce.verification import BOUND_TOLERANCE
+from graspforce.solution.verification import BOUND_TOLERANCE
 
 STREAM = 50  # ticks
 

@@ -1,10 +1,10 @@
 """How many instructions a tick of each method executes, counted by Valgrind.
 
-Formulas (``graspforce.compare.flops``) count arithmetic; this counts everything that the machine
-does, Python's part included, on the paper's dynamic task. Hardware counters are often closed to
-virtual machines, so Callgrind simulates: a child process runs a method a few times, another one
-some times more, and the difference of their totals is what the further ticks took. Needs
-``valgrind`` (apt-get install valgrind) and some minutes: ``python benchmarks/instructions.py``.
+Formulas (``graspforce.study.compare.flops``) count arithmetic; this counts everything that the
+machine does, Python's part included, on the paper's dynamic task. Hardware counters are often
+closed to virtual machines, so Callgrind simulates: a child process runs a method a few times,
+another one some times more, and the difference of their totals is what the further ticks took.
+Needs ``valgrind`` (apt-get install valgrind) and some minutes: ``python benchmarks/instructions.py``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from saving import show, writable
 
 from graspforce import _core, _engine, scenarios
 from graspforce.cli.process import as_command
-from graspforce.compare import methods
+from graspforce.study.compare import methods
 
 FIRST = 2  # ticks that warm up, in a stream and otherwise
 TICKS = {"wbf": 200, "gradient_flow": 1, "neural_network": 2}  # to count; of the others MANY

@@ -11,11 +11,11 @@ import sys
 
 import mujoco
 import numpy as np
+from graspforce.study.bench.clock import hot, nothing
 from rich.table import Table
 from saving import show, writable
 
 import graspforce as gf
-from graspforce.bench.clock import hot, nothing
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0")
 LINK = 0.025  # [m]; the first two joints are at one point

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import graspforce as gf
-from graspforce import bench
 from graspforce._util import clock
-from graspforce.bench import own, peers, plot
 from graspforce.scenarios import random
+from graspforce.study import bench
+from graspforce.study.bench import own, peers, plot
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 from grasps import plant
 
 import graspforce as gf
-from graspforce.columns import Columns
+from graspforce.solution.columns import Columns
 
 VECTORS = ("c", "nu", "tau", "normal_forces", "friction_margins", "torque_margins")
 NUMBERS = (

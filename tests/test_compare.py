@@ -12,10 +12,11 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import graspforce as gf
-from graspforce import baselines, compare, scenarios
+from graspforce import baselines, scenarios
 from graspforce.cli import app
-from graspforce.compare import flops, methods, output
-from graspforce.compare.measure import measure
+from graspforce.study import compare
+from graspforce.study.compare import flops, methods, output
+from graspforce.study.compare.measure import measure
 
 
 @pytest.fixture(scope="module")

@@ -228,7 +228,7 @@ def test_equations_stand_below_the_problem_and_the_solver():
     tree = ast.parse((PACKAGE / "equations.py").read_text(encoding="utf-8"))
     modules = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
     assert {m for m in modules if m.startswith("graspforce")} == {
-        "graspforce._arrays",
+        "graspforce._util.arrays",
         "graspforce.contact",
     }
 

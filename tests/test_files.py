@@ -19,8 +19,8 @@ from jsonschema import Draft202012Validator
 
 import graspforce as gf
 from graspforce import files
-from graspforce.columns import Columns
 from graspforce.files import npz_grasps
+from graspforce.solution.columns import Columns
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"

@@ -38,5 +38,6 @@ def test_the_version_is_said_once_and_cited():
     root = Path(__file__).parents[1]
     said = re.search(r"project\(graspforce VERSION (\S+)", (root / "CMakeLists.txt").read_text())
     cited = re.search(r"^version: (\S+)$", (root / "CITATION.cff").read_text(), re.M)
-    assert said and cited
+    assert said
+    assert cited
     assert graspforce.__version__ == said[1] == cited[1]

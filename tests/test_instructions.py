@@ -16,7 +16,7 @@ import simulation
 
 from graspforce import sim
 from graspforce.baselines import METHODS
-from graspforce.compare import NAMES
+from graspforce.study.compare import NAMES
 
 BENCHMARKS = Path(simulation.__file__).parent
 

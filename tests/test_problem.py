@@ -10,7 +10,7 @@ import pytest
 from grasps import KINDS, plant
 
 import graspforce as gf
-from graspforce import _native
+from graspforce._engine import native
 
 FULL = {"ceilings": True, "floors": True, "inequalities": 2, "bias": True, "rates": True}
 ARRAYS = (
@@ -235,7 +235,7 @@ def test_packed_round_trip(full, bare):
 @pytest.mark.parametrize("kind", ["full", "bare"])
 def test_the_fields_are_those_of_the_core(request, kind):
     layout = request.getfixturevalue(kind).layout
-    assert _native.module.fields(layout) == [
+    assert native.module.fields(layout) == [
         (name, slot.start, *(*slot.shape, 1, 1)[:2]) for name, slot in layout.slots.items()
     ]
 

@@ -14,10 +14,11 @@ import pytest
 from conftest import as_ordinary_user
 
 import graspforce as gf
-from graspforce import compare, figures, report, scenarios
+from graspforce import figures, scenarios
 from graspforce._util import plot
-from graspforce.compare import methods
-from graspforce.report import page
+from graspforce.study import compare, report
+from graspforce.study.compare import methods
+from graspforce.study.report import page
 
 report_compared = report.COMPARED
 COMPARED = ("dynamic",)  # the regrasp takes the slow methods too long for a test
@@ -139,7 +140,7 @@ def test_report_the_scenes_hold_in_physics(results, html_page):
 
 def test_report_without_opengl_the_page_says_why_it_has_no_pictures(monkeypatch):
     from graspforce import sim
-    from graspforce.report import physics
+    from graspforce.study.report import physics
 
     def refuse(*_):
         raise sim.RenderError("no OpenGL here")
@@ -230,7 +231,7 @@ def test_report_a_read_only_folder_is_refused(sealed_folder, monkeypatch):
     refused = r"expected a folder to write into \(Permission"
     plot.new_figure()  # these import what a report is made with
     page.template()
-    importlib.import_module("graspforce.report.physics")
+    importlib.import_module("graspforce.study.report.physics")
     with pytest.raises(gf.InvalidInputError, match=refused), as_ordinary_user():
         report.reproduce(sealed_folder)
 

@@ -18,9 +18,10 @@ import pytest
 from typer.testing import CliRunner
 
 import graspforce as gf
-from graspforce import cli, compare, errors, files
+from graspforce import cli, errors, files
 from graspforce.cli import terminal
-from graspforce.compare import output
+from graspforce.study import compare
+from graspforce.study.compare import output
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -346,7 +347,7 @@ def test_terminal_a_bad_place_is_refused_before_the_work(
         pytest.importorskip("mujoco")
         monkeypatch.setattr("graspforce.sim.run", lambda *_: pytest.fail("worked first"))
     monkeypatch.setattr("graspforce.scenarios.run", lambda *_: pytest.fail("worked first"))
-    monkeypatch.setattr("graspforce.bench.measure", lambda *_: pytest.fail("worked first"))
+    monkeypatch.setattr("graspforce.study.bench.measure", lambda *_: pytest.fail("worked first"))
     monkeypatch.setattr("graspforce.files.read", lambda *_: pytest.fail("worked first"))
     done = CliRunner().invoke(cli.app, [*map(str, arguments), str(path)])
     assert done.exit_code == 2

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspforce._arrays import Array, as_array, require_instance, signless
+from graspforce._util.arrays import Array, as_array, require_instance, signless
 from graspforce.equations import dual_margins
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem

@@ -27,7 +27,7 @@ from typing import Any, ClassVar, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import (
+from graspforce._util.arrays import (
     Array,
     as_array,
     as_positive,

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.contact import ContactModel, cone_scalings
 
 # A slack of this part of the numbers that it is the difference of is nothing but their rounding.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, require_keywords
+from graspforce._util.arrays import Array, as_array, require_keywords
 from graspforce.contact import Contact, ContactModel, as_contacts, warn_of_slips
 from graspforce.errors import InvalidInputError
 from graspforce.grasp_map import map_about

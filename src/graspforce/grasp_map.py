@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array
+from graspforce._util.arrays import Array, as_array
 from graspforce.contact import Contact, as_contacts, cross, warn_of_slips
 
 

@@ -15,12 +15,13 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspforce import _native, equations
-from graspforce._arrays import Array, as_array, require_keywords, signless
+from graspforce import equations
+from graspforce._engine import native
+from graspforce._engine.layout import FIELDS, Layout, Slot
+from graspforce._util.arrays import Array, as_array, require_keywords, signless
 from graspforce.contact import ContactModel, as_models, contact_starts, model_of
 from graspforce.equations import Barriers, Cones
 from graspforce.errors import InvalidInputError
-from graspforce.layout import FIELDS, Layout, Slot
 
 # A contact whose engagement is no larger than this has left the grasp: its force is zero, and
 # its cone, its limits and its finger's joints leave the problem (end of Section III-C.3).
@@ -451,9 +452,9 @@ def _check_values(layout: Layout, packed: Array) -> None:
     Raises:
         InvalidInputError: there is one.
     """
-    flaw = _native.module.find_flaw(layout, packed)
+    flaw = native.module.find_flaw(layout, packed)
     if flaw is not None:
-        _native.refuse(flaw)
+        native.refuse(flaw)
 
 
 def _together(arguments: dict[str, object]) -> None:

@@ -18,7 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_positive
+from graspforce._util.arrays import Array, as_array, as_positive
 from graspforce.errors import InvalidInputError
 
 GRAVITY = 9.81  # [m/s²]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from graspforce._arrays import Array
+    from graspforce._util.arrays import Array
 
 Call = Callable[[], object]
 Pair = tuple[Call, Call]  # what comes before and is not timed, and what is

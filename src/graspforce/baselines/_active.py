@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from graspforce import equations
-from graspforce._arrays import Array, as_integer, require_instance
+from graspforce._engine.outcome import PlainOutcome, Status
+from graspforce._util.arrays import Array, as_integer, require_instance
 from graspforce.contact import ContactModel
 from graspforce.equations import Barriers
-from graspforce.outcome import PlainOutcome, Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 

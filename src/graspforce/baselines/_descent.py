@@ -11,11 +11,11 @@ from collections.abc import Callable
 from numpy.typing import ArrayLike
 
 from graspforce import equations
-from graspforce._arrays import Array, as_array, as_positive, require_instance
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_array, as_positive, require_instance
 from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._lmi import Lmi, Point, half_square_decrement, line_search
 from graspforce.baselines._start import feasible_start
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active
 from graspforce.contact import ContactModel
 

@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active
 from graspforce.contact import ContactModel
 from graspforce.errors import InvalidInputError

@@ -15,11 +15,11 @@ import math
 import numpy as np
 
 from graspforce import equations
-from graspforce._arrays import Array
+from graspforce._engine.outcome import PlainOutcome, Status
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active
 from graspforce.baselines._lmi import Lmi, dikin_direction, line_search
 from graspforce.certificate import Certificate, check_certificate
-from graspforce.outcome import PlainOutcome, Status
 from graspforce.solution import Solution
 
 MAX_STEPS = 200

@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 
 from graspforce import equations
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active, known_at_once, nothing, priced
 from graspforce.baselines._start import proved
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
-from graspforce.verification import WRENCH_TOLERANCE
+from graspforce.solution.verification import WRENCH_TOLERANCE
 
 # An answer whose wrench is further off than this, relative to the forces, is none.
 LARGEST_CORRECTION = 1e-5

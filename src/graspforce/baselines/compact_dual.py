@@ -26,11 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._pyramids import Cones, Pyramids
 from graspforce.baselines._start import proved
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 

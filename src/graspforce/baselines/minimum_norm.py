@@ -11,8 +11,8 @@ it never says, because it asks for nothing that could be.
 from __future__ import annotations
 
 from graspforce import equations
+from graspforce._engine.outcome import Status
 from graspforce.baselines._active import Active, answer, run
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 

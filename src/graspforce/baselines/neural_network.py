@@ -30,11 +30,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce import equations
-from graspforce._arrays import Array, as_array, as_positive, require_instance
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_array, as_positive, require_instance
 from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._start import infeasible, proved
 from graspforce.errors import MissingExtraError
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 

@@ -26,13 +26,13 @@ from typing import Any, Literal
 import numpy as np
 
 from graspforce import equations
-from graspforce._arrays import Array, as_array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_array
 from graspforce.baselines._active import Active, answer, as_steps, run
 from graspforce.baselines._conic import Pattern, diagonal
 from graspforce.baselines._lmi import Lmi, dikin_direction, half_square_decrement, line_search
 from graspforce.baselines._start import proved
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 

@@ -13,11 +13,11 @@ from __future__ import annotations
 import numpy as np
 
 from graspforce import equations
-from graspforce._arrays import Array, as_positive
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_positive
 from graspforce.baselines._active import Active, as_steps
 from graspforce.baselines._conic import Conic, Pattern, Program, Shape
 from graspforce.baselines._stream import Found
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 

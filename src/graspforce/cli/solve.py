@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from graspforce._engine.outcome import Status
 from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, status_words
 from graspforce.errors import InvalidInputError, error_context
-from graspforce.outcome import Status
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -54,8 +54,8 @@ def solve(
     its limit, and the Newton steps. Infeasible grasps are listed as such, and are no error.
     """
     from graspforce import files
-    from graspforce._arrays import as_positive
-    from graspforce.settings import Settings
+    from graspforce._engine.settings import Settings
+    from graspforce._util.arrays import as_positive
     from graspforce.solve import solve as solve_problem
 
     given = {"alpha": alpha, "c_max": c_max}
@@ -118,7 +118,7 @@ def _table(results: list[NamedSolution]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from graspforce.columns import Columns
+    from graspforce.solution.columns import Columns
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.add_column("#", justify="right")

@@ -20,8 +20,8 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.segment import Segment
 
+from graspforce._engine.outcome import Status
 from graspforce.errors import GraspForceError, GraspForceWarning
-from graspforce.outcome import Status
 
 
 def printable(text: str, keep: str = "") -> str:

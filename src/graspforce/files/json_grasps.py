@@ -51,7 +51,7 @@ def read_json(file: BinaryIO, stem: str) -> GraspFile:
 
 @cache
 def _schema_text() -> str:
-    source = resources.files("graspforce").joinpath("schema/grasp.schema.json")
+    source = resources.files("graspforce.files").joinpath("grasp.schema.json")
     return source.read_text(encoding="utf-8")
 
 

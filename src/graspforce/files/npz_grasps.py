@@ -13,12 +13,12 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.lib.npyio import NpzFile
 
-from graspforce import _native
-from graspforce._arrays import Array, as_array, require
+from graspforce._engine import native
+from graspforce._engine.layout import FIELDS
+from graspforce._util.arrays import Array, as_array, require
 from graspforce.contact import PCWF
 from graspforce.errors import InvalidInputError, error_context
 from graspforce.files.named import GraspFile, NamedProblem, default_name
-from graspforce.layout import FIELDS
 from graspforce.problem import ForceProblem
 
 # Each may be a number for all, a number a grasp (B,), or a stack (B, n), (B, n_joints) or (B, m).
@@ -152,7 +152,7 @@ def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> list
         if key != "tau_limit":
             _fill(fields[key], array)
     for index, row in enumerate(packed):
-        if _native.module.find_flaw(layout, row) is not None:
+        if native.module.find_flaw(layout, row) is not None:
             make(index)  # which raises, and says it of the array that the file has
     return [ForceProblem.from_packed(layout, row) for row in packed]
 

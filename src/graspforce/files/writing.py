@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce._util.atomic import atomic_write, check_output
-from graspforce.columns import Columns, stacked
 from graspforce.solution import Solution
+from graspforce.solution.columns import Columns, stacked
 
 _NUMBERS = (
     "alpha", "newton_steps", "phi", "suboptimality", "violation", "friction_residual",

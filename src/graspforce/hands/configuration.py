@@ -7,7 +7,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.contact import Contact
 from graspforce.hands.hand import Actuation
 from graspforce.hands.limits import DriveLimit, as_tau_max, has_motor, limits

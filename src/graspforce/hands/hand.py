@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_tuple, require_instance
+from graspforce._util.arrays import Array, as_array, as_tuple, require_instance
 from graspforce.contact import Contact, contact_starts
 
 

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_tuple, came, require_instance
+from graspforce._util.arrays import Array, as_array, as_tuple, came, require_instance
 from graspforce.contact import Contact, as_contacts
 from graspforce.errors import InvalidInputError, ModelImportError
 from graspforce.hands.configuration import (

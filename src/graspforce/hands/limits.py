@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspforce._arrays import Array, as_positive
+from graspforce._util.arrays import Array, as_positive
 from graspforce.errors import InvalidInputError, ModelImportError
 
 # From here on a limit is reported. No finger joint gives 10 N·m; a leg's does, and its user can

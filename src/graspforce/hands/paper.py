@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_positive, require_choice
+from graspforce._util.arrays import Array, as_array, as_positive, require_choice
 from graspforce.contact import Contact, as_contacts
 from graspforce.errors import InvalidInputError
 

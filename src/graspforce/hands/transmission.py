@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 
 # Singular values below this share of the largest are rounding, not a motion.
 RANK_TOLERANCE = 1e-8

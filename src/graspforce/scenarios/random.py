@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.grasp_map import grasp_map
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solve import solve
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspforce._arrays import Array, as_positive, require_instance
+from graspforce._util.arrays import Array, as_positive, require_instance
 from graspforce.contact import Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError
 from graspforce.grasp import Grasp

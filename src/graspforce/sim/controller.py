@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.contact import PCWF, Contact, any_tangent, cross
 from graspforce.grasp_map import grasp_map
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.regrasp import is_removed, smooth
 from graspforce.servo import Servo

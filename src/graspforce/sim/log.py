@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce._util.atomic import atomic_write, check_output
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.outcome import Status
 
 ENDINGS = (".npz", ".parquet", ".csv")
 

@@ -7,15 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from graspforce._arrays import Array
-from graspforce.columns import Columns
-from graspforce.outcome import Status
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.sim.controller import Command, Controller, rotation_vector
 from graspforce.sim.engine import mj, quiet
 from graspforce.sim.log import Ending, Log
 from graspforce.sim.scene import Pose, Scene, Touch
 from graspforce.sim.trial import Trial
 from graspforce.solution import Solution
+from graspforce.solution.columns import Columns
 from graspforce.trajectory import State
 
 # Farther from its target than this, or turned off it by more, the object counts as dropped.

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce._util.atomic import atomic_write, check_output
 from graspforce.contact import FPC, Contact
 from graspforce.errors import InvalidInputError, MissingExtraError

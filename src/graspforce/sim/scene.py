@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.contact import Contact, cross
 from graspforce.errors import ModelImportError
 from graspforce.hands.mujoco.grasp import MujocoGrasp

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.hands.mujoco.model import loose_bodies, mujoco_module
 

@@ -8,14 +8,13 @@ the joints move.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array, as_tuple, came
+from graspforce._util.arrays import Array, as_tuple, came, index_of
 from graspforce.contact import Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError, warn
 from graspforce.grasp_map import map_about
@@ -421,11 +420,8 @@ def _as_body(model: Any, body: object, argument: str) -> int:
             names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
             as_link(body, argument, [name for name in names if name])
         return number
-    try:
-        number = operator.index(body)  # pyright: ignore[reportArgumentType]
-    except TypeError:
-        number = -1
-    if not 0 <= number < model.nbody:
+    number = index_of(body)
+    if number is None or not 0 <= number < model.nbody:
         raise InvalidInputError(
             f"{argument}: got {came(body)}, expected a body's name or its number, below "
             f"{model.nbody}"

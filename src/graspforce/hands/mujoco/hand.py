@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array, came
+from graspforce._util.arrays import Array, came
 from graspforce.errors import InvalidInputError, ModelImportError, warn
 from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
 from graspforce.hands.imported import (

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
 from graspforce.hands.limits import DriveLimit
 from graspforce.hands.transmission import Transmission, transmission

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_tuple
+from graspforce._util.arrays import Array, as_array, as_tuple
 from graspforce.contact import Contact, as_contacts, warn_of_slips
 from graspforce.errors import InvalidInputError, ModelImportError, warn
 from graspforce.grasp_map import map_about

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array, require_instance
+from graspforce._util.arrays import Array, require_instance
 from graspforce.errors import ModelImportError, warn
 from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
 from graspforce.hands.imported import (

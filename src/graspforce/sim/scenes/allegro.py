@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.sim import parts
 from graspforce.sim.allegro import TIP_RADIUS, allegro_hand
 from graspforce.sim.engine import mj

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.hands.paper import PaperHand
 from graspforce.regrasp import Release
 from graspforce.sim import parts
