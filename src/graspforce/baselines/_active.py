@@ -15,7 +15,6 @@ import numpy as np
 from graspforce import equations
 from graspforce._arrays import Array, as_integer, require_instance
 from graspforce.contact import ContactModel
-from graspforce.equations import Barriers
 from graspforce.outcome import PlainOutcome, Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
@@ -73,9 +72,8 @@ class Active:
 
     def violation(self, c: Array) -> float:
         """Return the largest relative violation of a cone or limit at c, at least 0."""
-        barriers = Barriers(self.inner.cones, self.A, self.b, self.inner.alpha)
         scales = self.inner.violation_scales()
-        return max(0.0, float(equations.relative_violation(c, barriers, scales)))
+        return max(0.0, float(equations.relative_violation(c, self.inner.barriers, scales)))
 
 
 def as_steps(max_steps: int) -> int:
