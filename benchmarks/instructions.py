@@ -4,7 +4,7 @@ Formulas (``graspforce.study.compare.flops``) count arithmetic; this counts ever
 machine does, Python's part included, on the paper's dynamic task. Hardware counters are often
 closed to virtual machines, so Callgrind simulates: a child process runs a method a few times,
 another one some times more, and the difference of their totals is what the further ticks took.
-Needs ``valgrind`` (apt-get install valgrind) and some minutes: ``python benchmarks/instructions.py``.
+Needs ``valgrind`` (apt-get install valgrind), some minutes: ``python benchmarks/instructions.py``.
 """
 
 from __future__ import annotations

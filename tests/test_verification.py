@@ -174,3 +174,16 @@ def test_the_bound_may_be_passed_by_rounding_only(problem):
     assert solution.verify().ok
     assert not forged(solution, decrement=measured * (1 - 1e-5)).verify().ok
     assert 0 < solution.phi - gf.solve(problem).phi <= solution.suboptimality
+
+
+@pytest.mark.parametrize("size", [1e160, 1e300, 1.7e308])
+def test_numbers_that_overflow_in_the_check_are_judged_too(rng, size):
+    """Rows whose squares leave double precision end the check, not the caller."""
+    problem = plant(rng, ["PCWF"] * 3, inequalities=2).problem
+    good = gf.solve(problem)
+    for entry in range(problem.A.size):
+        A = np.array(problem.A)
+        A.flat[entry] = -size
+        extreme = problem.replace(A=A)
+        for status in gf.Status:
+            assert isinstance(claim(extreme, status, c=good.c).verify().ok, bool)

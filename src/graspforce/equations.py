@@ -657,31 +657,33 @@ def decrement_and_error(c: Array, W: Array, barriers: Barriers) -> tuple[float, 
     with np.errstate(all="ignore"):
         if not strictly_inside(c, barriers, ROUNDING):
             return math.inf, 0.0
-        G, gamma = factored_derivatives(c, barriers)
-        # What rounding does to the large rows stays there.
-        order = np.argsort(-np.abs(G).max(axis=1))
-        Q, R = np.linalg.qr(G[order])
-        along = Q.T @ gamma[order]
-        size = np.linalg.norm(W, axis=1, keepdims=True)
-        _, strengths, directions = np.linalg.svd(W / np.where(size > 0, size, 1), False)
-        rank = int((strengths > RANK_TOLERANCE * strengths.max(initial=0)).sum())
-        if rank == len(c):  # W c = f has one solution
-            return 0.0, 0.0
         try:
-            Z = np.linalg.solve(R.T, directions[:rank].T)
-        except np.linalg.LinAlgError:
+            length, error = _projected_length(c, W, *factored_derivatives(c, barriers))
+        except np.linalg.LinAlgError:  # rounding or overflow has the last word
             return math.inf, 0.0
-        Z = Z / np.linalg.norm(Z, axis=0)
-        basis, _ = np.linalg.qr(Z)
-        left = along
-        for _ in range(2):  # once more for what cancellation leaves
-            left = left - basis @ (basis.T @ left)
-        length = float(np.linalg.norm(left))
-        condition = float(np.linalg.cond(Z) * strengths[0] / strengths[rank - 1]) if rank else 1.0
-        turned = 16 * len(c) * condition * float(np.linalg.norm(along))
-        moved = 64 * float(np.linalg.norm(np.abs(G) @ np.abs(c)))
-        error = np.finfo(float).eps * (turned + moved)
     return (length, error) if math.isfinite(length) else (math.inf, 0.0)
+
+
+def _projected_length(c: Array, W: Array, G: Array, gamma: Array) -> tuple[float, float]:
+    """Length of what projecting onto W d = 0 leaves of γ, and what rounding may do to it."""
+    order = np.argsort(-np.abs(G).max(axis=1))  # what rounding does to the large rows stays there
+    Q, R = np.linalg.qr(G[order])
+    along = Q.T @ gamma[order]
+    size = np.linalg.norm(W, axis=1, keepdims=True)
+    _, strengths, directions = np.linalg.svd(W / np.where(size > 0, size, 1), False)
+    rank = int((strengths > RANK_TOLERANCE * strengths.max(initial=0)).sum())
+    if rank == len(c):  # W c = f has one solution
+        return 0.0, 0.0
+    Z = np.linalg.solve(R.T, directions[:rank].T)
+    Z = Z / np.linalg.norm(Z, axis=0)
+    basis, _ = np.linalg.qr(Z)
+    left = along
+    for _ in range(2):  # once more for what cancellation leaves
+        left = left - basis @ (basis.T @ left)
+    condition = float(np.linalg.cond(Z) * strengths[0] / strengths[rank - 1]) if rank else 1.0
+    turned = 16 * len(c) * condition * float(np.linalg.norm(along))
+    moved = 64 * float(np.linalg.norm(np.abs(G) @ np.abs(c)))
+    return float(np.linalg.norm(left)), np.finfo(float).eps * (turned + moved)
 
 
 def factored_derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:

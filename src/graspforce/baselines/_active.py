@@ -16,7 +16,6 @@ from graspforce import equations
 from graspforce._engine.outcome import PlainOutcome, Status
 from graspforce._util.arrays import Array, as_integer, require_instance
 from graspforce.contact import ContactModel
-from graspforce.equations import Barriers
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -73,9 +72,8 @@ class Active:
 
     def violation(self, c: Array) -> float:
         """Return the largest relative violation of a cone or limit at c, at least 0."""
-        barriers = Barriers(self.inner.cones, self.A, self.b, self.inner.alpha)
         scales = self.inner.violation_scales()
-        return max(0.0, float(equations.relative_violation(c, barriers, scales)))
+        return max(0.0, float(equations.relative_violation(c, self.inner.barriers, scales)))
 
 
 def as_steps(max_steps: int) -> int:
@@ -92,19 +90,19 @@ def run(problem: ForceProblem, method: Callable[[Active], Solution]) -> Solution
 
     No method is needed for a wrench outside the range of W, nor when no contact is left.
     """
-    known = known_at_once(problem)
+    known = trivial_verdict(problem)
     if known is not None:
         return known
     if not equations.wrench_reachable(problem.restricted().W, problem.f):
-        return nothing(problem, Status.WRENCH_UNREACHABLE)
+        return empty_solution(problem, Status.WRENCH_UNREACHABLE)
     with np.errstate(all="ignore"):
         try:
             return method(Active.of(problem))
         except np.linalg.LinAlgError:
-            return nothing(problem, Status.INVALID_NUMBERS)
+            return empty_solution(problem, Status.INVALID_NUMBERS)
 
 
-def known_at_once(problem: ForceProblem) -> Solution | None:
+def trivial_verdict(problem: ForceProblem) -> Solution | None:
     """Return the answer to a problem that would overflow or has no contact left; else None.
 
     Raises:
@@ -112,20 +110,22 @@ def known_at_once(problem: ForceProblem) -> Solution | None:
     """
     require_instance(problem, "problem", ForceProblem)
     if np.abs(problem.packed).max() > equations.LARGEST:
-        return nothing(problem, Status.INVALID_NUMBERS)
+        return empty_solution(problem, Status.INVALID_NUMBERS)
     if problem.active.any():
         return None
-    return nothing(problem, Status.WRENCH_UNREACHABLE if problem.f.any() else Status.SOLVED)
+    return empty_solution(problem, Status.WRENCH_UNREACHABLE if problem.f.any() else Status.SOLVED)
 
 
-def nothing(problem: ForceProblem, status: Status) -> Solution:
+def empty_solution(problem: ForceProblem, status: Status) -> Solution:
     """Return a verdict that has no forces."""
     decrement = 0.0 if status is Status.SOLVED else math.inf
     zeros = np.zeros(problem.m), np.zeros(len(problem.f))
     return Solution(PlainOutcome(status, 0, *zeros, decrement), problem)
 
 
-def answer(view: Active, status: Status, steps: int, c: Array, gradient: Array) -> Solution:
+def solution_from_gradient(
+    view: Active, status: Status, steps: int, c: Array, gradient: Array
+) -> Solution:
     """Wrap what a method found; INVALID_NUMBERS where a number is not finite.
 
     Args:
@@ -136,12 +136,12 @@ def answer(view: Active, status: Status, steps: int, c: Array, gradient: Array) 
         gradient: of the method's Lagrangian without the term of W c = f, shape (m,): W.T nu.
     """
     if not (np.isfinite(c).all() and np.isfinite(gradient).all()):
-        return nothing(view.problem, Status.INVALID_NUMBERS)
-    return priced(view, status, steps, c, equations.least_squares(view.W.T, gradient))
+        return empty_solution(view.problem, Status.INVALID_NUMBERS)
+    return make_solution(view, status, steps, c, equations.least_squares(view.W.T, gradient))
 
 
-def priced(view: Active, status: Status, steps: int, c: Array, nu: Array) -> Solution:
-    """As :func:`answer`, for a method that knows the multipliers of W c = f, shape (k,)."""
+def make_solution(view: Active, status: Status, steps: int, c: Array, nu: Array) -> Solution:
+    """As :func:`solution_from_gradient`, by the multipliers of W c = f, shape (k,)."""
     if not (np.isfinite(c).all() and np.isfinite(nu).all()):
-        return nothing(view.problem, Status.INVALID_NUMBERS)
+        return empty_solution(view.problem, Status.INVALID_NUMBERS)
     return Solution(PlainOutcome(status, steps, view.problem.scatter(c), nu), view.problem)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from graspforce import equations
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_array, as_positive, require_instance
-from graspforce.baselines._active import Active, answer, as_steps, run
+from graspforce.baselines._active import Active, as_steps, run, solution_from_gradient
 from graspforce.baselines._lmi import Lmi, Point, half_square_decrement, line_search
 from graspforce.baselines._start import feasible_start
 from graspforce.problem import ForceProblem
@@ -79,6 +79,8 @@ def descend(
             x = x + line_search(point.spectrum(d), float(effort @ d), barrier) * d
             steps += 1
         c = c_p + N @ x
-        return answer(view, status, steps, c, view.normals + barrier * in_c.at(c).gradient)
+        return solution_from_gradient(
+            view, status, steps, c, view.normals + barrier * in_c.at(c).gradient
+        )
 
     return run(problem, method)

@@ -86,7 +86,7 @@ def infeasible(view: Active) -> Solution | None:
     return None
 
 
-def proved(view: Active, own: Solution) -> Solution:
+def infeasible_or(view: Active, own: Solution) -> Solution:
     """Return the proof that a problem is infeasible, if there is one, for a method's failure."""
     return infeasible(view) or own
 

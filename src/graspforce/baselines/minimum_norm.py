@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from graspforce import equations
 from graspforce._engine.outcome import Status
-from graspforce.baselines._active import Active, answer, run
+from graspforce.baselines._active import Active, run, solution_from_gradient
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -31,4 +31,4 @@ def solve(problem: ForceProblem) -> Solution:
 
 def _solve(view: Active) -> Solution:
     c, _ = equations.particular_and_nullspace(view.W, view.problem.f)
-    return answer(view, Status.SOLVED, 1, c, c)
+    return solution_from_gradient(view, Status.SOLVED, 1, c, c)

@@ -32,8 +32,8 @@ from numpy.typing import ArrayLike
 from graspforce import equations
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_array, as_positive, require_instance
-from graspforce.baselines._active import Active, answer, as_steps, run
-from graspforce.baselines._start import infeasible, proved
+from graspforce.baselines._active import Active, as_steps, run, solution_from_gradient
+from graspforce.baselines._start import infeasible, infeasible_or
 from graspforce.errors import MissingExtraError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
@@ -102,8 +102,8 @@ def solve(
                 break
         c, pull = network.read(path.y)
         c = c + equations.particular_and_nullspace(view.W, problem.f - view.W @ c)[0]
-        own = answer(view, status, steps, c, c + pull)
-        return own if status is Status.SOLVED else proved(view, own)
+        own = solution_from_gradient(view, status, steps, c, c + pull)
+        return own if status is Status.SOLVED else infeasible_or(view, own)
 
     return run(problem, method)
 

@@ -28,10 +28,10 @@ import numpy as np
 from graspforce import equations
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_array
-from graspforce.baselines._active import Active, answer, as_steps, run
+from graspforce.baselines._active import Active, as_steps, run, solution_from_gradient
 from graspforce.baselines._conic import Pattern, diagonal
 from graspforce.baselines._lmi import Lmi, dikin_direction, half_square_decrement, line_search
-from graspforce.baselines._start import proved
+from graspforce.baselines._start import infeasible_or
 from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
@@ -232,7 +232,10 @@ def _solve(
     steps = int(found.iterations)
     x = np.array(found.x)[: len(N.T)]
     if word == "PrimalInfeasible":
-        return proved(view, answer(view, Status.STALLED, steps, unit * c_p, np.zeros(len(c_p))))
+        return infeasible_or(
+            view,
+            solution_from_gradient(view, Status.STALLED, steps, unit * c_p, np.zeros(len(c_p))),
+        )
     failed = Status.MAX_STEPS if word == "MaxIterations" else Status.STALLED
     solved = word in ("Solved", "AlmostSolved")
     if weight:
@@ -258,8 +261,8 @@ def _solve(
         gradient = effort - _cone_forces(in_c, np.array(found.z))
     c, gradient = unit * c, gradient if normals else unit * gradient
     if solved:
-        return answer(view, Status.SOLVED, steps, c, gradient)
-    return proved(view, answer(view, failed, steps, c, gradient))
+        return solution_from_gradient(view, Status.SOLVED, steps, c, gradient)
+    return infeasible_or(view, solution_from_gradient(view, failed, steps, c, gradient))
 
 
 def _cone_forces(in_c: Lmi, duals: Array) -> Array:

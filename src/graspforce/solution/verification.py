@@ -125,10 +125,10 @@ def _boundless(problem: ForceProblem) -> bool:
     normals = np.zeros(problem.m)
     normals[problem.starts[:-1]] = 1.0
     far = problem.replace(W=np.vstack((problem.W, normals)), f=np.append(problem.f, total))
-    if not all(equations.wrench_reachable(each.W, each.f) for each in (problem, far)):
-        return False
-    c_p, N = equations.particular_and_nullspace(far.W, far.f)
     try:
+        if not all(equations.wrench_reachable(each.W, each.f) for each in (problem, far)):
+            return False
+        c_p, N = equations.particular_and_nullspace(far.W, far.f)
         found = find_inside(far, N, c_p, MOST_STEPS)
     except np.linalg.LinAlgError:
         return False
