@@ -13,6 +13,7 @@ from scipy import sparse
 
 import graspforce as gf
 from graspforce import hands, regrasp, scenarios, trajectory
+from graspforce.scenarios import random
 
 
 class Convertible:
@@ -176,6 +177,9 @@ CALLS = {
         "contacts": SCENARIO.contacts, "motion": SCENARIO.motion, "alpha": 5.0, "c_max": 20.0,
         "schedule": None, "rate": 250.0, "duration": 2.0,
     },
+    random.grasps: {"count": 1, "seed": 1},
+    random.stream: {"contacts": 4, "ticks": 2},
+    random.geometry: {"rng": np.random.default_rng(1), "hard": False},
     scenarios.run: {"scenario": SCENARIO, "settings": None},
     scenarios.sweep_alpha: {"alphas": [1.0], "scenario": SCENARIO, "settings": None},
 }  # fmt: skip

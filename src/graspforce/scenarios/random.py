@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._engine.outcome import Status
-from graspforce._util.arrays import Array
+from graspforce._util.arrays import Array, as_integer, require_instance
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.grasp_map import grasp_map
 from graspforce.problem import ForceProblem
@@ -29,7 +28,11 @@ def grasps(count: int, seed: int = 1) -> list[ForceProblem]:
     Args:
         count: how many.
         seed: of the random numbers.
+
+    Raises:
+        InvalidInputError: no whole number, or one out of range.
     """
+    count, seed = as_integer(count, "count", 0), as_integer(seed, "seed", 0)
     rng = np.random.default_rng(seed)
     found: list[ForceProblem] = []
     while len(found) < count:
@@ -46,7 +49,11 @@ def stream(contacts: int, ticks: int = 40) -> list[ForceProblem]:
     Args:
         contacts: how many; they also seed the random numbers.
         ticks: of one swing.
+
+    Raises:
+        InvalidInputError: no whole number, or one out of range.
     """
+    contacts, ticks = as_integer(contacts, "contacts", 1), as_integer(ticks, "ticks", 1)
     rng = np.random.default_rng(contacts)
     f = np.array([0, 0, 0.9 * contacts, 0, 0, 0.01])
     problem = _fingers(rng, contacts, f, 5.0)
@@ -167,7 +174,12 @@ def geometry(rng: np.random.Generator, hard: bool = False) -> tuple[ForceProblem
 
     Returns:
         The problem, and f1, shape (6,) [N, N·m].
+
+    Raises:
+        InvalidInputError: an argument of the wrong kind.
     """
+    require_instance(rng, "rng", np.random.Generator, "a numpy.random.Generator")
+    require_instance(hard, "hard", bool | np.bool_, "True or False")
     most = int(rng.choice(np.array([4, 8, 16, 64]), p=[0.5, 0.35, 0.12, 0.03]))
     n = int(rng.integers(2, most + 1))
     models = _models(rng, n, hard)
