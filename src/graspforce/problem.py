@@ -9,7 +9,7 @@ buffer, whose order :class:`Layout` fixes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
@@ -328,22 +328,7 @@ class ForceProblem:
             floors, rates above and below, the problem's own A. The columns of contacts that are
             out of the grasp are zero, and rows that touch no other contacts are left out.
         """
-        layout = self.layout
-        parts = [
-            equations.torque_limits(
-                self.J, self.tau_lo - self.tau_bias, self.tau_hi - self.tau_bias
-            )
-        ]
-        if layout.ceilings:
-            parts.append(equations.ceilings(layout.dims, self.engagement, self.c_max))
-        if layout.floors:
-            normals, floors = equations.ceilings(layout.dims, self.engagement, self.c_min)
-            parts.append((-normals, -floors))
-        if layout.rate_limits:
-            parts.append((np.eye(self.m), self.c_last + self.dc_max))
-            parts.append((-np.eye(self.m), self.dc_max - self.c_last))
-        parts.append((self.A, self.b))
-        A, b = np.vstack([rows for rows, _ in parts]), np.concatenate([b for _, b in parts])
+        A, b = all_limits(self.layout, self.layout.views(self.packed))
         if self.active.all():
             return A, b
         counted = self.counted_limits()
@@ -416,6 +401,36 @@ class ForceProblem:
             f"ForceProblem({contacts}; {', '.join(bounds) or 'no limits'}; "
             f"f={np.array2string(self.f, precision=4)}, alpha={self.alpha:g})"
         )
+
+
+def all_limits(layout: Layout, fields: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return all linear limits of a problem, or of a batch of them, as ``A c ≤ b``.
+
+    Args:
+        layout: of the problems.
+        fields: the problems' fields by name, with any leading axes, see :meth:`Layout.views`.
+
+    Returns:
+        A, shape (…, v, m), and b, shape (…, v), in the order of :meth:`ForceProblem.linear_limits`.
+    """
+    parts = [
+        equations.torque_limits(
+            fields["J"], *(fields[name] - fields["tau_bias"] for name in ("tau_lo", "tau_hi"))
+        )
+    ]
+    if layout.ceilings:
+        parts.append(equations.ceilings(layout.dims, fields["engagement"], fields["c_max"]))
+    if layout.floors:
+        normals, floors = equations.ceilings(layout.dims, fields["engagement"], fields["c_min"])
+        parts.append((-normals, -floors))
+    if layout.rate_limits:
+        unit = np.eye(sum(layout.dims))
+        parts.append((unit, fields["c_last"] + fields["dc_max"]))
+        parts.append((-unit, fields["dc_max"] - fields["c_last"]))
+    parts.append((fields["A"], fields["b"]))
+    batch = fields["f"].shape[:-1]
+    rows = [np.broadcast_to(A, batch + A.shape[-2:]) for A, _ in parts]
+    return np.concatenate(rows, axis=-2), np.concatenate([b for _, b in parts], axis=-1)
 
 
 def _touches(rows: Array, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:

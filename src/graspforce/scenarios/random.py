@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_integer, require_instance
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.grasp_map import grasp_map

@@ -8,17 +8,20 @@ once; a problem with a contact out of the grasp asks its own Solution.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspforce import equations
 from graspforce._engine.layout import Layout
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
+from graspforce.equations import Barriers, Cones
+from graspforce.problem import all_limits
 from graspforce.solution import Solution
 
 # Solutions that are computed together, at most: what bounds the memory for their limits.
@@ -209,82 +212,32 @@ class _Chunk:
         self.layout = layout
         self.c = np.array([each.c for each in solutions])
         self.data = layout.views(np.array([each.problem.packed for each in solutions]))
-        self.starts = list(accumulate(layout.dims, initial=0))
+        self.cones = Cones.of(layout.dims, self.data["mu"], self.data["gamma"])
 
     def tau(self) -> Array:
-        return _product(self.data["J"].swapaxes(1, 2), self.c) + self.data["tau_bias"]
+        return equations.joint_torques(self.c, self.data["J"], self.data["tau_bias"])
 
     def normal_forces(self) -> Array:
-        return self.c[:, self.starts[:-1]]
+        return self.c[:, list(accumulate(self.layout.dims, initial=0))[:-1]]
 
     def torque_margins(self) -> Array:
-        tau = self.tau()
-        return np.minimum(self.data["tau_hi"] - tau, tau - self.data["tau_lo"])
+        return equations.torque_margins(self.tau(), self.data["tau_lo"], self.data["tau_hi"])
 
     def torque_residual(self) -> Array:
         return self.torque_margins().min(axis=1, initial=np.inf)
 
     def wrench_error(self) -> Array:
-        return np.abs(_product(self.data["W"], self.c) - self.data["f"]).max(axis=1)
+        return equations.wrench_error(self.c, self.data["W"], self.data["f"])
 
     def friction_margins(self) -> Array:
-        return np.stack(
-            [
-                np.sqrt(R[:, 0]) * y[:, 0] - np.sqrt(_dot(y[:, 1:] * R[:, 1:], y[:, 1:]))
-                for y, R in self._cones()
-            ],
-            axis=1,
-        )
-
-    def cone_slacks(self) -> Array:
-        """Return mu² n² − ‖tangential force‖², g of Eq. (11), shape (G, n)."""
-        signs = np.array([-1.0, 1.0, 1.0, 1.0])
-        return np.stack([-_dot(y * (R * signs[: y.shape[1]]), y) for y, R in self._cones()], axis=1)
+        return equations.friction_margins(self.c, self.cones)
 
     def friction_residual(self) -> Array:
-        return self.cone_slacks().min(axis=1)
+        return equations.friction_residual(self.c, self.cones)
 
     def phi(self) -> Array:
-        AT, b = self._limits()
-        g, r = self.cone_slacks(), b - _product(AT.swapaxes(1, 2), self.c)
-        inside = (r > 0).all(axis=1) & (g > 0).all(axis=1) & (self.normal_forces() > 0).all(axis=1)
-        with np.errstate(all="ignore"):  # outside, where the answer is inf
-            cones = -sum(np.log(g).T)
-            return np.where(inside, cones + self.data["alpha"] * -np.log(r).sum(axis=1), np.inf)
-
-    def _cones(self) -> Iterator[tuple[Array, Array]]:
-        """Yield every contact's forces and the sizes on the diagonal of R_mu, Eq. (10)."""
-        mu, gamma, one = self.data["mu"], self.data["gamma"], np.ones(len(self.c))
-        for i, (start, end) in enumerate(pairwise(self.starts)):
-            each = np.stack([mu[:, i], one, one, mu[:, i] / gamma[:, i]], axis=1)
-            yield self.c[:, start:end], np.square(each[:, : end - start])
-
-    def _limits(self) -> tuple[Array, Array]:
-        """Return A.T and b of all of ``A c ≤ b``, shapes (G, m, v) and (G, v), in that order."""
-        data, layout, m = self.data, self.layout, self.starts[-1]
-        J, unit = data["J"], np.eye(m)
-        normals = unit[:, self.starts[:-1]]
-        parts = [(J, data["tau_hi"] - data["tau_bias"]), (-J, data["tau_bias"] - data["tau_lo"])]
-        if layout.ceilings:
-            parts.append((normals, data["engagement"] * data["c_max"]))
-        if layout.floors:
-            parts.append((-normals, -data["engagement"] * data["c_min"]))
-        if layout.rate_limits:
-            parts.append((unit, data["c_last"] + data["dc_max"]))
-            parts.append((-unit, data["dc_max"] - data["c_last"]))
-        parts.append((data["A"].swapaxes(1, 2), data["b"]))
-        columns = [np.broadcast_to(AT, (len(self.c), m, AT.shape[-1])) for AT, _ in parts]
-        return np.concatenate(columns, axis=2), np.concatenate([b for _, b in parts], axis=1)
-
-
-def _product(A: Array, x: Array) -> Array:
-    """A x for every row, shapes (G, p, m) and (G, m)."""
-    return np.matmul(A, x[:, :, None])[:, :, 0]
-
-
-def _dot(x: Array, y: Array) -> Array:
-    """Scalar products of the rows, shapes (G, m) and (G, m)."""
-    return np.matmul(x[:, None, :], y[:, :, None])[:, 0, 0]
+        A, b = all_limits(self.layout, self.data)
+        return equations.objective(self.c, Barriers(self.cones, A, b, self.data["alpha"]))
 
 
 _FROM_DATA: dict[str, Callable[[_Chunk], Array]] = {
