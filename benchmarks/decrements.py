@@ -1,10 +1,11 @@
 """Is the certified bound on the decrement one? Random servo ticks against NumPy.
 
-Streams of ticks over the random grasps of ``campaign.py``, with tolerances from 1e-12 to 1e-2 and
-alpha from 0.03 to 100: the load wanders, the object turns, J wobbles. After every tick that is
-SOLVED, :func:`graspforce.equations.decrement_and_error` computes the decrement at the forces and
-how far the rounding of c and W may have moved that number. Where rounding cannot be the cause, the
-bound may not be passed by more than 1e-6 of itself; elsewhere not by more than rounding besides.
+Streams of ticks over the grasps of :mod:`graspforce.scenarios.random`, with tolerances from 1e-12
+to 1e-2 and alpha from 0.03 to 100: the load wanders, the object turns, J wobbles. After every tick
+that is SOLVED, :func:`graspforce.equations.decrement_and_error` computes the decrement at the
+forces and how far the rounding of c and W may have moved that number. Where rounding cannot be the
+cause, the bound may not be passed by more than 1e-6 of itself; elsewhere not by more than rounding
+besides.
 
 ``make decrements`` runs a hundred thousand ticks.
 """
@@ -19,7 +20,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from campaign import random_geometry
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation
 import graspforce as gf
 from graspforce import reference
 from graspforce.cli.process import as_command
+from graspforce.scenarios import random
 from graspforce.solution.verification import BOUND_TOLERANCE
 
 STREAM = 50  # ticks
@@ -70,7 +71,7 @@ class Tick(NamedTuple):
 def stream(seed: int, index: int) -> list[Tick]:
     """One Servo's ticks."""
     rng = np.random.default_rng([seed, index])
-    geometry, f1 = random_geometry(rng, hard=False)
+    geometry, f1 = random.geometry(rng)
     tol = 10 ** rng.uniform(-12, -2)
     problem = geometry.replace(alpha=10 ** rng.uniform(-1.5, 2))
     servo = gf.Servo(problem, gf.Settings(tol=tol))

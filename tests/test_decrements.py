@@ -1,12 +1,7 @@
 """The certified bound on the decrement over random ticks; ``make decrements`` is the long run."""
 
-import sys
-from pathlib import Path
-
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import decrements
+import pytest
 
 
 @pytest.fixture(scope="module")

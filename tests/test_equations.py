@@ -243,7 +243,7 @@ def test_answers_and_other_methods_do_not_stand_on_the_reference():
         for path in PACKAGE.rglob("*.py")
         if importing.search(path.read_text(encoding="utf-8"))
     }
-    assert files == {"_engine.py"}
+    assert files == {"_engine/dispatch.py"}
 
 
 def test_errors_import_nothing_of_the_package():

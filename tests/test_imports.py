@@ -17,7 +17,7 @@ def test_one_module_imports_the_compiled_core():
         for file in PACKAGE.rglob("*.py")
         if importing.search(file.read_text(encoding="utf-8"))
     }
-    assert files == {"_native.py"}
+    assert files == {"native.py"}
 
 
 def test_importing_graspforce_imports_numpy_and_nothing_heavy():

@@ -22,6 +22,7 @@ from grasps import components, cone_matrix, plant
 
 import graspforce as gf
 from graspforce import _engine
+from graspforce._engine import dispatch
 
 
 @pytest.mark.parametrize(("backend", "count"), [("reference", 25), ("native", 200)])
@@ -54,7 +55,7 @@ def test_verdicts_agree_with_clarabel(backend, count):
 
 @pytest.mark.parametrize("core", _engine.modules)
 def test_the_least_violation_is_the_same_on_every_core(core, monkeypatch):
-    monkeypatch.setattr(_engine, "_native_solve", importlib.import_module(core).solve)
+    monkeypatch.setattr(dispatch, "_solve", importlib.import_module(core).solve)
     rng = np.random.default_rng(3)
     judged = 0
     while judged < 150:

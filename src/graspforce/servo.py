@@ -17,12 +17,11 @@ import numpy as np
 from graspforce._engine import dispatch
 from graspforce._engine.layout import FIELDS
 from graspforce._engine.outcome import Status
-from graspforce._engine.settings import Settings
+from graspforce._engine.settings import DEFAULT, Settings
 from graspforce._util.arrays import Array, require_instance, require_keywords
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem, ProblemArguments
 from graspforce.solution import Solution
-from graspforce.solve import DEFAULT
 
 
 class Servo:

@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce._engine import dispatch
-from graspforce._engine.settings import Settings
+from graspforce._engine.settings import DEFAULT, Settings
 from graspforce._util.arrays import require_instance
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
-
-DEFAULT = Settings()
 
 
 def solve(

@@ -41,3 +41,6 @@ class Settings:
             budget_us = as_positive(self.budget_us, "budget_us", "µs")
             object.__setattr__(self, "budget_us", budget_us)
         require_choice(self.backend, "backend", ("native", "reference"))
+
+
+DEFAULT = Settings()

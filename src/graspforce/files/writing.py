@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._util.arrays import Array
+from graspforce._util.arrays import Array, npz_bytes
 from graspforce._util.atomic import atomic_write, check_output
 from graspforce.solution import Solution
 from graspforce.solution.columns import Columns, stacked
@@ -123,8 +123,7 @@ def _write_npz(path: Path, table: _Table) -> None:
         lengths = np.array([len(row) for row in rows], dtype=np.int64)
         stack = stacked(rows) if rows else np.empty((0, 0))
         arrays |= {name: stack, f"{name}_length": lengths}
-    with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    path.write_bytes(npz_bytes(arrays))
 
 
 _WRITERS: dict[str, Callable[[Path, _Table], None]] = {

@@ -157,8 +157,8 @@ def _forces(rng: np.random.Generator, models: Sequence[ContactModel]) -> Array:
     for model in models:
         normal = np.exp(rng.normal(1, 0.5))
         parts.append(np.array([normal]))
-        if not isinstance(model, FPC):
-            most = np.array([model.mu, model.mu, getattr(model, "gamma", 0)])[: model.dim - 1]
+        if model.dim > 1:
+            most = np.array([model.mu, model.mu, model.gamma])[: model.dim - 1]
             share = rng.uniform(0, 0.9) * unit(rng.normal(size=model.dim - 1))
             parts.append(normal * share * most)
     return np.concatenate(parts)

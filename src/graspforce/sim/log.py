@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._engine.outcome import Status
-from graspforce._util.arrays import Array
+from graspforce._util.arrays import Array, npz_bytes
 from graspforce._util.atomic import atomic_write, check_output
 from graspforce.errors import InvalidInputError, MissingExtraError
 
@@ -176,8 +176,7 @@ class Log:
             if suffix == ".npz":
                 arrays = {name: getattr(self, name) for name in (*_PER_TICK, "tau_max")}
                 words: dict[str, Any] = {"ending": self.ending.name, "message": self.message}
-                with temporary.open("wb") as file:
-                    np.savez_compressed(file, **arrays, **words)
+                temporary.write_bytes(npz_bytes(arrays | words))
             elif suffix == ".parquet":
                 arrow, parquet = _pyarrow()
                 about = {"ending": self.ending.name, "message": self.message}
