@@ -165,7 +165,38 @@ static void steps_of_least_squares_are_stationary() {
   }
 }
 
+// The engine takes the narrowest kernels that fit, as contacts couple, leave and return.
+static void the_engine_chooses_by_size_and_coupling() {
+  using Kind = Kernels::Kind;
+  const auto chosen = [](int contacts, Model model, int wrench_rows, auto change) {
+    Random random(3);
+    Layout layout;
+    layout.models.assign(contacts, model);
+    layout.wrench_rows = wrench_rows;
+    layout.joints = 3 * contacts;
+    layout.ceilings = true;
+    RandomGrasp grasp(random, layout);
+    change(grasp, random);
+    Engine engine(layout);
+    engine.tick(grasp.data.packed(), Settings{});
+    return engine.kernels();
+  };
+  const auto nothing = [](RandomGrasp&, Random&) {};
+  const auto leave = [](RandomGrasp& grasp, Random&) { grasp.data.engagement[2] = 0; };
+  const auto couple = [](RandomGrasp& grasp, Random&) { grasp.data.J(0, 5) = 0.01; };
+  EXPECT(chosen(4, Model::PCWF, 6, nothing) == Kind::Lanes3Single);
+  EXPECT(chosen(4, Model::FPC, 6, nothing) == Kind::Lanes3Single);
+  EXPECT(chosen(4, Model::SFC, 6, nothing) == Kind::Lanes4Single);
+  EXPECT(chosen(5, Model::PCWF, 6, nothing) == Kind::Lanes3);
+  EXPECT(chosen(5, Model::SFC, 6, nothing) == Kind::Lanes4);
+  EXPECT(chosen(5, Model::PCWF, 6, leave) == Kind::Lanes3Single);
+  EXPECT(chosen(5, Model::SFC, 3, leave) == Kind::Lanes4Single);
+  EXPECT(chosen(4, Model::PCWF, 6, couple) == Kind::General);
+  EXPECT(chosen(4, Model::PCWF, 7, nothing) == Kind::General);
+}
+
 int main() {
+  the_engine_chooses_by_size_and_coupling();
   steps_of_least_squares_are_stationary();
   Random random(5);
   int compared = 0, kernels[5] = {}, close = 0;

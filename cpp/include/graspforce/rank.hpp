@@ -34,13 +34,16 @@ class RankExamination {
 
   // An independent set of rows, best conditioned first.
   const std::vector<int>& rows() const { return rows_; }
-  bool deficient() const { return static_cast<int>(rows_.size()) < k_; }
-  bool reachable() const { return reachable_; }  // f lies in the range of W
-  bool overflows() const { return overflows_; }  // nothing can be said about that
+  bool deficient() const { return deficient_; }  // by the last run; false before the first
+  bool overflows() const { return overflows_; }  // whether f is reachable cannot be told
+  bool unreachable() const { return known_ && (overflows_ || !reachable_); }
+  bool known() const { return known_; }  // there was a run since `forget`
+  void forget() { known_ = false; }
 
   // Gram-Schmidt with pivoting and reorthogonalisation over the rows of W; contacts out of the
   // grasp do not count.
   void run(const Problem& p) {
+    known_ = true;
     scale_rows(p);
     rows_.clear();
     for (int best = longest_row(); best >= 0; best = longest_row()) {
@@ -48,6 +51,7 @@ class RankExamination {
       rows_.push_back(best);
       eliminate(best);
     }
+    deficient_ = static_cast<int>(rows_.size()) < k_;
     // Eliminating a row from another eliminates it from f as well; what is left of f on a row that
     // has vanished is out of reach.
     double largest_f = 0;  // what rounding in f is measured by
@@ -139,7 +143,7 @@ class RankExamination {
   std::vector<double> Q_, f_, size_, length_;
   std::vector<char> used_;
   std::vector<int> rows_;
-  bool reachable_ = true, overflows_ = false;
+  bool known_ = false, deficient_ = false, reachable_ = true, overflows_ = false;
 };
 
 }  // namespace graspforce

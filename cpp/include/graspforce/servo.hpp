@@ -126,24 +126,4 @@ class Servo : public ProblemData {
   bool ticked_ = false, finite_ = true;
 };
 
-inline const char* to_string(Status status) {
-  switch (status) {
-    case Status::Solved:
-      return "SOLVED";
-    case Status::Infeasible:
-      return "INFEASIBLE";
-    case Status::WrenchUnreachable:
-      return "WRENCH_UNREACHABLE";
-    case Status::Unbounded:
-      return "UNBOUNDED";
-    case Status::MaxSteps:
-      return "MAX_STEPS";
-    case Status::Stalled:
-      return "STALLED";
-    case Status::InvalidNumbers:
-      break;
-  }
-  return "INVALID_NUMBERS";
-}
-
 }  // namespace graspforce
