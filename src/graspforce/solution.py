@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from graspforce import reference
+from graspforce import _native, reference
 from graspforce._arrays import Array, require_instance, signless
 from graspforce.certificate import Certificate
 from graspforce.contact import UNIT_TOLERANCE
@@ -47,13 +47,15 @@ class Verification:
     certificate_holds: bool | None
 
 
-class Solution:
+class Solution(_native.SolutionBase):
     """The contact forces of one solve or one tick, with their verdict.
 
     Everything but the forces and the status is computed on first use from the problem's data.
     """
 
-    __slots__ = ("_outcome", "_problem")
+    __slots__ = ()  # the base's two members, which the core fills
+    _outcome: Outcome
+    _problem: ForceProblem | Layout
 
     def __init__(self, outcome: Outcome, problem: ForceProblem | Layout) -> None:
         require_instance(outcome, "outcome", Outcome)

@@ -32,6 +32,7 @@ class Engine {
 
   const Layout& layout() const { return layout_; }
   Kernels::Kind kernels() const { return kernels_.chosen(); }  // of the last solve or tick
+  const Structure& structure() const { return kernels_.structure(); }
 
   // What the last solve or tick has found.
   const Result& result() const { return answer_.result; }
@@ -63,12 +64,12 @@ class Engine {
   }
 
   // Solves the next problem of a stream, from the optima before it. `changed` tells what differs
-  // from the tick before.
+  // from the tick before (see Changed); what it leaves out is neither read nor compared.
   const Result& tick(const double* packed, const Settings& settings,
                      unsigned changed = kChangedAll) {
     const DefaultFloatingPoint environment;
     const Problem problem(offsets_, packed);
-    changed |= pending_changes_;
+    if (pending_changes_ != 0) changed = pending_changes_;  // by other blocks than the last tick's
     pending_changes_ = 0;
     dispatch(problem, settings, changed, [&](auto& barrier, Budget& budget, unsigned news) {
       history_.begin_tick(problem, news);

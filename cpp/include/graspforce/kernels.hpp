@@ -21,6 +21,7 @@ class Kernels {
         barrier_(blocks_) {}
 
   Kind chosen() const { return chosen_; }
+  const Structure& structure() const { return structure_; }
   bool empty() const { return structure_.blocks().empty(); }  // no contact in the grasp
 
   // Finds the blocks anew and chooses, where the last ones do not hold for the problem any more;

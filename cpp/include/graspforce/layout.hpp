@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstddef>
+#include <tuple>
 #include <vector>
 
 #include "graspforce/fields.hpp"
@@ -35,6 +36,14 @@ struct Layout {
   bool ceilings = false;      // c_max given
   bool floors = false;        // c_min given
   bool rate_limits = false;   // c_last and dc_max given
+
+  bool operator==(const Layout& other) const {
+    const auto sizes = [](const Layout& l) {
+      return std::tie(l.wrench_rows, l.models, l.joints, l.inequalities, l.ceilings, l.floors,
+                      l.rate_limits);
+    };
+    return sizes(*this) == sizes(other);
+  }
 
   // Where a contact's components start in c.
   int first(int contact) const {
