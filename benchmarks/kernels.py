@@ -107,8 +107,8 @@ def contacts_table(program: Program, name: str) -> Table:
     """Measure a step and a tick by the number of contacts."""
     table = Table(title=f"ticks of one step with new W, f and J, by contacts, {name}")
     for heading in (
-        "contacts", "step, ns", "Engine::tick, J kept, ns", "of a step", "J, kB", "J read, ns",
-        "Servo::tick, ns", "of a step", "instructions",
+        "contacts", "step, ns", "Engine, J kept, ns", "steps", "J, kB", "J read, ns", "Servo, ns",
+        "steps", "instructions",
     ):  # fmt: skip
         table.add_column(heading, justify="right")
     for contacts in CONTACTS:
@@ -132,7 +132,7 @@ def main() -> int:
         sets = _core.instruction_sets() or ["baseline"]
         programs = {name: Program(folder, name) for name in sets}
         tables = kernels_table(programs), contacts_table(programs[sets[0]], sets[0])
-    show(*tables, save=options.save, width=110)
+    show(*tables, save=options.save, width=120)
     return 0
 
 

@@ -179,6 +179,50 @@ static void a_solve_between_ticks_leaves_no_numbers_behind() {
   for (int c = 0; c < 12; ++c) EXPECT(engine.forces()[c] == alone.forces()[c]);
 }
 
+// What the caller knows of J's pattern is known of the last tick's blocks, not of a solve's.
+static void a_solve_between_ticks_keeps_no_pattern() {
+  Cube cube(true), coupled(true);
+  coupled.at(&Problem::J)[5] = 1e-3;
+  Engine engine(cube.layout);
+  engine.tick(cube.packed.data(), kSettings);
+  const Kernels::Kind kernels = engine.kernels();
+  engine.solve(coupled.packed.data(), kSettings);
+  EXPECT(engine.kernels() != kernels);
+  engine.tick(cube.packed.data(), kSettings, kChangedMap | kChangedJacobian | kJacobianKept);
+  Engine alone(cube.layout);
+  for (int i = 0; i < 2; ++i) alone.tick(cube.packed.data(), kSettings);
+  for (int c = 0; c < 12; ++c) EXPECT(std::abs(engine.forces()[c] - alone.forces()[c]) < 1e-8);
+  engine.solve(cube.packed.data(), kSettings);
+  engine.tick(coupled.packed.data(), kSettings, kChangedMap | kChangedJacobian | kJacobianKept);
+  EXPECT(engine.kernels() == Kernels::Kind::General);
+}
+
+static void a_proof_allows_for_rounding() {
+  Layout layout;
+  layout.models = {Model::FPC};
+  layout.wrench_rows = 4;
+  layout.ceilings = true;
+  // y·f is −1/2, and +1/2 when it is added up in double precision.
+  std::vector<double> packed(Offsets(layout).size, 0.0);
+  const Problem problem(layout, packed.data());
+  const double f[] = {1e16, -1, -1e16, 0.5}, y[] = {1, 1, 1, 1}, z[] = {0};
+  std::copy_n(f, 4, const_cast<double*>(problem.f));
+  const_cast<double*>(problem.engagement)[0] = const_cast<double*>(problem.c_max)[0] = 1;
+  const_cast<double*>(problem.mu)[0] = const_cast<double*>(problem.gamma)[0] = 1;
+  EXPECT(f[0] + f[1] + f[2] + f[3] > 0);
+  EXPECT(!proves_infeasible(layout, problem, y, z));
+}
+
+// A squeeze that the limits hold only weakly is bounded all the same.
+static void large_forces_are_not_unbounded() {
+  Cube cube(false);
+  for (int c = 0; c < 12; ++c)
+    for (int j = 0; j < 12; ++j) cube.at(&Problem::J)[12 * c + j] *= c % 3 == 0 ? 1e-5 : 1;
+  Engine engine(cube.layout);
+  EXPECT(engine.solve(cube.packed.data(), kSettings).status == Status::Solved);
+  EXPECT(engine.forces()[0] > 1e4);  // 1e3 times what the limits are made for
+}
+
 static void nonsense_gets_a_status() {
   for (double size : {1e-300, 1e-200, 1e-30, 1e30, 1e200, 1e300}) {
     Cube cube(true);
@@ -199,6 +243,9 @@ int main() {
   blocks_follow_the_pattern();
   infeasible_ticks_are_proved_and_forgotten();
   a_solve_between_ticks_leaves_no_numbers_behind();
+  a_solve_between_ticks_keeps_no_pattern();
+  a_proof_allows_for_rounding();
+  large_forces_are_not_unbounded();
   nonsense_gets_a_status();
   return verdict("core");
 }

@@ -12,7 +12,7 @@ using namespace graspforce;
 
 // What a kernel finds at a point.
 struct Found {
-  double force = 0, lambda = 0, slope = 0, limit = 0, bound = 0, wrench_error = 0;
+  double force = 0, lambda = 0, slope = 0, limit = 0, bound = 0, next_lambda = 0, wrench_error = 0;
   bool inside = false, balanced = false;
   std::vector<double> step, nu, next_nu;
 };
@@ -49,6 +49,8 @@ static Found look(AnyBarrier& barrier, const Layout& layout, const std::vector<d
     found.bound = barrier.decrement_bound(found.lambda);
     found.next_nu.resize(k);
     barrier.get_multipliers(found.next_nu.data());
+    EXPECT(barrier.evaluate());
+    found.next_lambda = barrier.newton();
   }
   return found;
 }
@@ -77,6 +79,8 @@ static void agree(const Found& general, const Found& other, const std::string& k
   EXPECT(steps_apart.back() <= 1e-11);
   EXPECT(apart(general.nu, other.nu) <= near);
   EXPECT(std::abs(general.bound - other.bound) <= 1e-9 + 1e-6 * general.bound);
+  for (const Found* each : {&general, &other})  // it is a bound
+    EXPECT(each->next_lambda <= each->bound * (1 + 1e-6) + 1e-9);
   EXPECT(general.next_nu.size() == other.next_nu.size());
   if (general.next_nu.size() == other.next_nu.size() && !general.next_nu.empty())
     EXPECT(apart(general.next_nu, other.next_nu) <= near);
@@ -100,7 +104,8 @@ static void steps_of_least_squares_are_stationary() {
   Random random(8);
   for (int trial = 0; trial < 200; ++trial) {
     Layout layout;
-    layout.models.assign(2 + random.below(3), Model::PCWF);
+    // Three at least: the W of two has dependent rows.
+    layout.models.assign(3 + random.below(3), Model::PCWF);
     layout.joints = 3 * layout.contacts();
     layout.ceilings = true;
     RandomGrasp grasp(random, layout);

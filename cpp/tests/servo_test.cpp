@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <limits>
+#include <string>
 
 #include "allocations.hpp"
 #include "expect.hpp"
@@ -68,7 +69,8 @@ static void refused_numbers_leave_no_trace() {
     double& number;
     double bad;
   } const wrong[] = {{servo.f[0], nan},   {servo.W(5, 11), kInfinity}, {servo.engagement[2], 1.5},
-                     {servo.c_max[1], 0}, {servo.mu[0], -0.5},         {servo.alpha, 0}};
+                     {servo.c_max[1], 0}, {servo.mu[0], -0.5},         {servo.gamma[3], -0.01},
+                     {servo.alpha, 0}};
   const long before = allocations;
   for (const auto& each : wrong) {
     EXPECT(servo.tick() == Status::Solved && clean.tick() == Status::Solved);
@@ -84,6 +86,27 @@ static void refused_numbers_leave_no_trace() {
     for (int i = 0; i < 12; ++i) EXPECT(servo.c()[i] == clean.c()[i]);
   }
   EXPECT(allocations == before);
+}
+
+// Whichever entry of whichever field changes, its kind of change is told.
+static void every_change_is_found() {
+  Layout layout = four_fingers(3);
+  layout.inequalities = 2;
+  layout.floors = layout.rate_limits = true;
+  ProblemData before(layout), now(layout);
+  const Offsets at(layout);
+  each_field(layout, [&](const Field& field) {
+    const std::string name = field.name;
+    const unsigned expected = name == "W"   ? kChangedMap
+                              : name == "f" ? kChangedNothing
+                              : name == "J" ? kChangedJacobian
+                                            : kChangedRest;
+    for (std::size_t i = field.offset; i < field.offset + field.size(); ++i) {
+      now = before;
+      now.packed()[i] += 1;
+      EXPECT(find_changes(at, before.packed(), now.packed()) == expected);
+    }
+  });
 }
 
 static void nothing_at_all_is_refused() {
@@ -233,6 +256,7 @@ int main() {
   a_contact_gives_its_columns();
   a_tick_holds_the_cube();
   refused_numbers_leave_no_trace();
+  every_change_is_found();
   nothing_at_all_is_refused();
   before_the_first_tick_nothing_is_inside();
   a_tangent_along_the_normal_is_replaced();

@@ -28,6 +28,11 @@ inline constexpr double kBalanced = 1e-10;
 // what stops them there is rounding in the problem's numbers.
 inline constexpr double kRunaway = 1e6;
 
+// Where an entry of a row-major matrix of so many columns stands.
+inline std::size_t entry_at(int row, int column, int columns) {
+  return static_cast<std::size_t>(row) * columns + column;
+}
+
 struct Layout {
   int wrench_rows = 6;        // k, rows of W
   std::vector<Model> models;  // n contacts

@@ -97,7 +97,7 @@ class RankExamination {
       double sum = 0, largest = 0;
       for (int i = 0, c = 0; i < layout_.contacts(); ++i)
         for (int d = 0; d < static_cast<int>(layout_.models[i]); ++d, ++c) {
-          row(r)[c] = p.in_grasp(i) ? p.W[static_cast<std::size_t>(r) * m_ + c] : 0;
+          row(r)[c] = p.in_grasp(i) ? p.W[entry_at(r, c, m_)] : 0;
           largest = std::max(largest, std::abs(row(r)[c]));
         }
       for (int c = 0; c < m_ && largest > 0; ++c) sum += std::pow(row(r)[c] / largest, 2);

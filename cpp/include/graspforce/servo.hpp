@@ -63,7 +63,7 @@ class Servo : public ProblemData {
     const Problem p(offsets(), numbers_.now());
     double tau = p.tau_bias[joint];
     for (int i = 0; i < layout().components(); ++i)
-      tau += p.J[i * layout().joints + joint] * engine_.forces()[i];
+      tau += p.J[entry_at(i, joint, layout().joints)] * engine_.forces()[i];
     return tau;
   }
 

@@ -20,7 +20,7 @@ using Indices = Span<const int>;
 
 // The entries of a row-major matrix that have to be zero (outside), as windows of four side by side
 // (which may overlap) and those that have no such neighbours; and where they are nearly all, the
-// list of the others (inside).
+// list of the others (inside). Entries are counted in ints: a matrix of more would take 16 GB.
 class Pattern {
  public:
   void reserve(std::size_t entries) {
@@ -160,10 +160,10 @@ class Structure {
     std::iota(parent_.begin(), parent_.end(), 0);
     for (int j = 0; j < layout_.joints; ++j)
       block_of_joint_[j] =
-          unite(takes_part, [&](int c) { return p.J[std::size_t(c) * layout_.joints + j] != 0; });
+          unite(takes_part, [&](int c) { return p.J[entry_at(c, j, layout_.joints)] != 0; });
     for (int r = 0; r < layout_.inequalities; ++r)
       block_of_inequality_[r] =
-          unite(takes_part, [&](int c) { return p.A[std::size_t(r) * m + c] != 0; });
+          unite(takes_part, [&](int c) { return p.A[entry_at(r, c, m)] != 0; });
 
     blocks_.clear();
     all_in_grasp_ = true;
@@ -216,11 +216,10 @@ class Structure {
       return (block != kNone) == (inside || !outside);
     };
     for (int j = 0; j < layout_.joints; ++j)
-      if (!same(block_of_joint_[j],
-                [&](int c) { return p.J[std::size_t(c) * layout_.joints + j]; }))
+      if (!same(block_of_joint_[j], [&](int c) { return p.J[entry_at(c, j, layout_.joints)]; }))
         return false;
     for (int r = 0; r < layout_.inequalities; ++r)
-      if (!same(block_of_inequality_[r], [&](int c) { return p.A[std::size_t(r) * m + c]; }))
+      if (!same(block_of_inequality_[r], [&](int c) { return p.A[entry_at(r, c, m)]; }))
         return false;
     return true;
   }
