@@ -61,12 +61,11 @@ class DoubleBuffer {
       std::copy_n(next() + offset, count, fields + offset);
   }
 
-  // What differs between the last tick and the next, for Engine::tick.
+  // What differs between the last tick and the next, for Engine::tick. The last tick's J keeps to
+  // the pattern, which held for it or was found in it.
   unsigned changes() const {
-    const bool both_kept = J_kept_ && now_.generation == structure_.generation();
-    const unsigned changed = find_changes(at_, now(), next_.numbers->data(),
-                                          both_kept ? &structure_.jacobian() : nullptr);
-    return J_kept_ ? changed | kJacobianKept : changed;
+    if (!J_kept_) return find_changes(at_, now(), next_.numbers->data());
+    return kJacobianKept | find_changes(at_, now(), next_.numbers->data(), &pattern());
   }
 
   // The staged numbers become those of the last tick.
@@ -75,7 +74,7 @@ class DoubleBuffer {
  private:
   struct Buffer {
     std::shared_ptr<std::vector<double>> numbers;
-    unsigned generation = 0;  // of the pattern outside which J is known to be zero
+    unsigned generation = 0;  // of the pattern outside which it has zeros when staged to
   };
 
   const Pattern& pattern() const { return structure_.jacobian(); }
