@@ -1,4 +1,5 @@
 // Tests of the core by itself: what Python cannot see from outside, or would hide.
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -151,6 +152,36 @@ static void blocks_follow_the_pattern() {
   EXPECT(structure.blocks().size() == 2);
 }
 
+// Every single entry of J outside the blocks is watched, whatever stands beside it.
+static void every_entry_outside_is_watched() {
+  for (int contacts : {2, 3, 5}) {
+    Layout layout;
+    layout.models.assign(contacts, Model::PCWF);
+    layout.models.back() = Model::FPC;
+    layout.joints = 2 * contacts;
+    const int m = layout.components();
+    std::vector<double> packed(Offsets(layout).size, 1.0);
+    Problem problem(layout, packed.data());
+    double* J = const_cast<double*>(problem.J);
+    const auto inside = [&](int c, int j) { return std::min(c / 3, contacts - 1) == j / 2; };
+    for (int c = 0; c < m; ++c)
+      for (int j = 0; j < layout.joints; ++j) J[c * layout.joints + j] = inside(c, j);
+    Structure structure(layout);
+    structure.find(problem);
+    EXPECT(int(structure.blocks().size()) == contacts);
+    for (int c = 0; c < m; ++c)
+      for (int j = 0; j < layout.joints; ++j) {
+        double& entry = J[c * layout.joints + j];
+        const double before = entry;
+        entry = 1e-300;
+        EXPECT(structure.holds(problem, kChangedJacobian) == inside(c, j));
+        entry = -0.0;
+        EXPECT(structure.holds(problem, kChangedJacobian));
+        entry = before;
+      }
+  }
+}
+
 static void infeasible_ticks_are_proved_and_forgotten() {
   Cube cube(true);
   Engine engine(cube.layout);
@@ -192,6 +223,21 @@ static void a_solve_between_ticks_keeps_no_pattern() {
   EXPECT(engine.kernels() == Kernels::Kind::Lanes3Single);
   engine.tick(coupled.packed.data(), kSettings, kChangedJacobian | kJacobianKept);
   EXPECT(engine.kernels() == Kernels::Kind::General);
+}
+
+// The rank of W is looked at in each tick that needs it, whatever was found before.
+static void a_rank_is_not_remembered() {
+  Cube cube(true), flat(true);
+  for (int c = 0; c < 12; ++c) flat.at(&Problem::W)[5 * 12 + c] = 0;
+  Engine engine(cube.layout);
+  for (int round = 0; round < 2; ++round) {
+    cube.at(&Problem::f)[2] = 500;  // out of reach of the limits, not of W
+    EXPECT(engine.tick(cube.packed.data(), kSettings).status == Status::Infeasible);
+    flat.at(&Problem::f)[5] = 0.01;
+    EXPECT(engine.tick(flat.packed.data(), kSettings).status == Status::WrenchUnreachable);
+    flat.at(&Problem::f)[5] = 0;
+    EXPECT(engine.tick(flat.packed.data(), kSettings).status == Status::Solved);
+  }
 }
 
 static void a_proof_allows_for_rounding() {
@@ -238,9 +284,11 @@ int main() {
   contacts_leave_and_return();
   a_budget_ends_a_tick_with_forces_that_hold();
   blocks_follow_the_pattern();
+  every_entry_outside_is_watched();
   infeasible_ticks_are_proved_and_forgotten();
   a_solve_between_ticks_leaves_no_numbers_behind();
   a_solve_between_ticks_keeps_no_pattern();
+  a_rank_is_not_remembered();
   a_proof_allows_for_rounding();
   large_forces_are_not_unbounded();
   nonsense_gets_a_status();
