@@ -105,7 +105,7 @@ def measure(tell: Callable[[str], None], core_alone: bool = False) -> dict[tuple
             child, name, cold, ticks = line.strip().split("|")
             tell(name)
             key = (name, cold == "True")
-            totals.setdefault(key, []).append((int(ticks), _total(Path(folder) / child)))
+            totals.setdefault(key, []).append((int(ticks), read_total(Path(folder) / child)))
         if run.wait():
             raise SystemExit("valgrind, or what it ran, failed")
     return {
@@ -113,7 +113,7 @@ def measure(tell: Callable[[str], None], core_alone: bool = False) -> dict[tuple
     }
 
 
-def _total(path: Path) -> int:
+def read_total(path: Path) -> int:
     """Return the instructions that a Callgrind file sums up to."""
     lines = [line for line in path.read_text().splitlines() if line.startswith("totals:")]
     return int(lines[-1].split()[1])

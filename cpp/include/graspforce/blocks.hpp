@@ -7,6 +7,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <utility>
 #include <vector>
@@ -30,6 +31,7 @@ class Arena {
   double* take(std::size_t count) {
     double* here = next_;
     next_ += count;
+    assert(next_ <= storage_.data() + storage_.size());
     return here;
   }
 
@@ -178,7 +180,7 @@ class Blocks {
     const int m = layout_.components();
     for (int i = 0; i < part.q; ++i)
       for (int r = 0; r < k_; ++r)
-        part.Wt[i * k_ + r] = p.W[rows_in_use_[r] * m + part.block->components[i]];
+        part.Wt[i * k_ + r] = p.W[entry_at(rows_in_use_[r], part.block->components[i], m)];
   }
 
   void load_limits(const Problem& p, BlockData& part) {
@@ -186,14 +188,16 @@ class Blocks {
     double* a = part.a;
     int r = 0;
     for (int joint : block.joints) {
-      for (int i = 0; i < part.q; ++i) a[i] = p.J[block.components[i] * layout_.joints + joint];
+      for (int i = 0; i < part.q; ++i)
+        a[i] = p.J[entry_at(block.components[i], joint, layout_.joints)];
       part.lo[r] = p.tau_lo[joint] - p.tau_bias[joint];
       part.hi[r] = p.tau_hi[joint] - p.tau_bias[joint];
       a += part.q;
       ++r;
     }
     for (int row : block.inequalities) {
-      for (int i = 0; i < part.q; ++i) a[i] = p.A[row * layout_.components() + block.components[i]];
+      for (int i = 0; i < part.q; ++i)
+        a[i] = p.A[entry_at(row, block.components[i], layout_.components())];
       part.lo[r] = -kInfinity;
       part.hi[r] = p.b[row];
       a += part.q;

@@ -148,8 +148,10 @@ class LaneBarrier {
   // Whether the forces are out of all proportion to the limits.
   bool runaway() const {
     Lanes force = {}, size = {};
-    for (const Group& group : *this) GRASPFORCE_UNROLL
-    for (int i = 0; i < Q; ++i) force = max(force, group.mask[i] * abs(group.c[i]));
+    for (const Group& group : *this) {
+      GRASPFORCE_UNROLL
+      for (int i = 0; i < Q; ++i) force = max(force, group.mask[i] * abs(group.c[i]));
+    }
     const double largest = greatest(force);
     if (largest <= 1e-3 * kRunaway * largest_f_) return false;  // nearly always
     for (const Group& group : *this) size = max(size, group.size(layout_));
@@ -200,8 +202,10 @@ class LaneBarrier {
   }
 
   void advance(double t) {
-    for (Group& group : *this) GRASPFORCE_UNROLL
-    for (int i = 0; i < Q; ++i) group.c[i] += t * group.d[i];
+    for (Group& group : *this) {
+      GRASPFORCE_UNROLL
+      for (int i = 0; i < Q; ++i) group.c[i] += t * group.d[i];
+    }
   }
 
   void get_multipliers(double* nu) const {

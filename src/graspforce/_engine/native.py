@@ -33,6 +33,9 @@ def _choose_core() -> str:
     return modules[_sets.index(wanted)]
 
 
+SolutionBase = _core.SolutionBase
+"""What the core, whichever build, makes its solutions of."""
+
 module: Any = importlib.import_module(_choose_core())
 """The compiled core in use."""
 

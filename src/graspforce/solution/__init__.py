@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 
 from graspforce import equations
+from graspforce._engine import native
 from graspforce._engine.layout import Layout
 from graspforce._engine.outcome import Outcome, PlainOutcome, Start, Status, TickOutcome
 from graspforce._util.arrays import Array, require_instance, signless
@@ -42,13 +43,15 @@ class NotConvergedError(SolveError):
     """The solver stopped before it could certify an answer."""
 
 
-class Solution:
+class Solution(native.SolutionBase):
     """The contact forces of one solve or one tick, with their verdict.
 
     Everything but the forces and the status is computed on first use from the problem's data.
     """
 
-    __slots__ = ("_outcome", "_problem")
+    __slots__ = ()  # the base's two members, which the core fills
+    _outcome: Outcome
+    _problem: ForceProblem | Layout
 
     def __init__(self, outcome: Outcome, problem: ForceProblem | Layout) -> None:
         require_instance(outcome, "outcome", Outcome)
