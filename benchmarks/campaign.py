@@ -31,6 +31,7 @@ from scipy import sparse
 
 import graspforce as gf
 from graspforce.cli.process import as_command
+from graspforce.scenarios import random
 
 CASES = 10  # of a geometry
 
@@ -68,139 +69,6 @@ class Verdict(NamedTuple):
         """Whether the verdict is another than the truth, or not borne out."""
         also = self.expected is gf.Status.WRENCH_UNREACHABLE and self.status is gf.Status.INFEASIBLE
         return self.decided and not ((self.status is self.expected or also) and self.confirmed)
-
-
-# ---- random geometries -------------------------------------------------------------------------
-
-
-def unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def random_models(rng: np.random.Generator, n: int, hard: bool) -> list[gf.contact.ContactModel]:
-    kinds = rng.choice(["mixed", "PCWF", "FPC", "SFC"], p=[0.45, 0.4, 0.05, 0.1])
-    names = rng.choice(["FPC", "PCWF", "SFC"], n) if kinds == "mixed" else [kinds] * n
-    low, high = (0.01, 5.0) if hard else (0.1, 1.5)
-    mus = np.exp(rng.uniform(np.log(low), np.log(high), n))
-    gammas = rng.uniform(0.001, 0.02, n)
-    return [
-        {"FPC": gf.FPC(), "PCWF": gf.PCWF(mu), "SFC": gf.SFC(mu, gamma)}[name]
-        for name, mu, gamma in zip(names, mus, gammas, strict=True)
-    ]
-
-
-def random_contacts(
-    rng: np.random.Generator, models: list[gf.contact.ContactModel], hard: bool
-) -> list[gf.Contact]:
-    """Contacts on a ball of 4 cm, sometimes in one plane, sometimes one beside another."""
-    n = len(models)
-    points = unit(rng.normal(size=(n, 3)))
-    flat = rng.random() < 0.1
-    tilt = rng.normal(0, 0.2, (n, 3))
-    if flat:
-        points[:, 2] = tilt[:, 2] = 0
-        points = unit(points)
-    normals = unit(tilt - points)
-    if hard and n > 1 and rng.random() < 0.2:
-        points[1] = points[0] + 10 ** rng.uniform(-9, -3) * rng.normal(size=3)
-        normals[1] = normals[0]
-    tangents = np.cross(normals, rng.normal(size=(n, 3)))
-    return [
-        gf.Contact(0.04 * p, v, model, tangent=t)
-        for p, v, model, t in zip(points, normals, models, tangents, strict=True)
-    ]
-
-
-def random_jacobian(rng: np.random.Generator, dims: np.ndarray) -> np.ndarray:
-    """Fingers of one to three contacts, of full row rank, now and then with a joint to spare."""
-    n, starts = len(dims), np.concatenate(([0], np.cumsum(dims)))
-    shared = rng.random() < 0.3
-    cuts = (
-        np.flatnonzero(np.append(rng.random(n - 1) < 0.5, True)) + 1 if shared else range(1, n + 1)
-    )
-    blocks, first = [], 0
-    for last in cuts:
-        if last - first > 3:
-            last = first + 3
-        rows = int(starts[last] - starts[first])
-        joints = rows + (rng.random() < 0.2)
-        Q, _ = np.linalg.qr(rng.normal(size=(joints, rows)))
-        block = (Q * 0.07 * np.exp(rng.uniform(-0.7, 0.7, rows))).T
-        for i in range(first, last):  # a torsion is a torque already
-            if dims[i] == 4:
-                block[starts[i] - starts[first] + 3] *= 15
-        blocks.append((int(starts[first]), block))
-        first = last
-    while first < n:
-        blocks.append((int(starts[first]), np.diag(np.full(dims[first], 0.07))))
-        first += 1
-    J = np.zeros((int(starts[-1]), sum(block.shape[1] for _, block in blocks)))
-    column = 0
-    for row, block in blocks:
-        J[row : row + block.shape[0], column : column + block.shape[1]] = block
-        column += block.shape[1]
-    return J
-
-
-def inside_cones(rng: np.random.Generator, models: list[gf.contact.ContactModel]) -> np.ndarray:
-    parts = []
-    for model in models:
-        normal = np.exp(rng.normal(1, 0.5))
-        parts.append([normal])
-        if not isinstance(model, gf.FPC):
-            most = np.array([model.mu, model.mu, getattr(model, "gamma", 0)])[: model.dim - 1]
-            share = rng.uniform(0, 0.9) * unit(rng.normal(size=model.dim - 1))
-            parts.append(normal * share * most)
-    return np.concatenate(parts)
-
-
-def random_geometry(rng: np.random.Generator, hard: bool) -> tuple[gf.ForceProblem, np.ndarray]:
-    """A problem that can be held at load 0, and the direction f1 of further loads."""
-    most = rng.choice([4, 8, 16, 64], p=[0.5, 0.35, 0.12, 0.03])
-    n = int(rng.integers(2, most + 1))
-    models = random_models(rng, n, hard)
-    contacts = random_contacts(rng, models, hard)
-    W = gf.grasp_map(contacts)
-    dims = np.array([model.dim for model in models])
-    starts = np.concatenate(([0], np.cumsum(dims)[:-1]))
-    m = int(dims.sum())
-    c0 = inside_cones(rng, models)
-    fields: dict[str, object] = {}
-    hand = rng.random() < 0.85
-    removed = np.zeros(n, bool)
-    if not hand or rng.random() < 0.4:
-        engagement = np.where(rng.random(n) < 0.8, 1.0, rng.uniform(0.05, 1, n))
-        if n > 3 and rng.random() < 0.3:
-            removed[rng.integers(n)] = True
-        if hard and rng.random() < 0.3:  # only just in the grasp
-            engagement[rng.integers(n)] = 10 ** rng.uniform(-5.9, -3)
-        engagement[removed] = 0
-        c0 = c0 * np.repeat(np.where(removed, 0, np.minimum(1, engagement)), dims)
-        room = np.exp(rng.uniform(0.1, 2, n))
-        fields["c_max"] = np.where(removed, 10, room * c0[starts] / np.maximum(engagement, 1e-9))
-        fields["engagement"] = engagement
-        if rng.random() < 0.3:
-            floor = rng.uniform(0, 0.9, n) * c0[starts] / np.maximum(engagement, 1e-9)
-            fields["c_min"] = np.where(removed, 0, floor)
-    loaded = rng.random() < 0.5  # whether anything is held at load 0
-    if hand:
-        J = random_jacobian(rng, dims)
-        tau0 = J.T @ c0
-        size = np.abs(tau0) + 0.1 * np.abs(tau0).max() + 0.02
-        up, down = (size * np.exp(rng.uniform(-2, 2, len(tau0))) for _ in range(2))
-        bias = rng.normal(size=len(tau0)) * size * (rng.random() < 0.3)
-        fields |= {"J": J, "tau_bias": bias}
-        if loaded:
-            fields |= {"tau_lo": tau0 - down + bias, "tau_hi": tau0 + up + bias}
-        else:
-            fields |= {"tau_lo": -size - down + bias, "tau_hi": size + up + bias}
-    if rng.random() < 0.2:
-        A = rng.normal(size=(2, m)) * (rng.random((2, m)) < 0.5)
-        fields |= {"A": A, "b": A @ c0 + np.exp(rng.uniform(-1, 2, 2))}
-    loaded = loaded or "c_min" in fields or "A" in fields
-    f0 = W @ c0 if loaded else np.zeros(6)
-    f1 = W @ (inside_cones(rng, models) * np.repeat(~removed, dims))
-    return gf.ForceProblem(W, f0, models, **fields), f1
 
 
 # ---- the truth ---------------------------------------------------------------------------------
@@ -262,7 +130,7 @@ def faint(sizes: np.ndarray) -> bool:
 def cases(seed: int, index: int, margin: float | None, hard: bool) -> Iterator[Case | None]:
     """The cases of one geometry; None for each whose truth is not known well enough."""
     rng = np.random.default_rng([seed, index])
-    geometry, f1 = random_geometry(rng, hard)
+    geometry, f1 = random.geometry(rng, hard)
     held = geometry.W * np.repeat(geometry.active, geometry.layout.dims)
     _, sizes, right = np.linalg.svd(held.T)
     beyond = right[(sizes > 1e-9 * sizes[0]).sum() :]  # directions of f that no force makes
@@ -291,7 +159,9 @@ def cases(seed: int, index: int, margin: float | None, hard: bool) -> Iterator[C
             continue
         f, expected = geometry.f + s * f1, gf.Status.SOLVED if feasible else gf.Status.INFEASIBLE
         if len(beyond) and rng.random() < 0.2:
-            f = f + far * max(np.abs(f).max(), 1e-3) * unit(rng.normal(size=len(beyond)) @ beyond)
+            f = f + far * max(np.abs(f).max(), 1e-3) * random.unit(
+                rng.normal(size=len(beyond)) @ beyond
+            )
             expected = gf.Status.WRENCH_UNREACHABLE
         problem = geometry.replace(
             f=scale * f,

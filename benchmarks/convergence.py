@@ -130,7 +130,7 @@ def wbf_optimum(problem: gf.ForceProblem) -> tuple[float, np.ndarray]:
 def least_squares(problem: gf.ForceProblem) -> tuple[float, np.ndarray]:
     kept = np.repeat(problem.active, problem.layout.dims)
     c = np.zeros(problem.m)
-    c[kept] = np.linalg.lstsq(problem.W[:, kept], problem.f)[0]
+    c[kept] = np.linalg.lstsq(problem.W[:, kept], problem.f, rcond=None)[0]
     return c @ c / 2, c
 
 

@@ -1,10 +1,10 @@
 """How many instructions a tick of each method executes, counted by Valgrind.
 
-Formulas (``graspforce.compare.flops``) count arithmetic; this counts everything that the machine
-does, Python's part included, on the paper's dynamic task. Hardware counters are often closed to
-virtual machines, so Callgrind simulates: a child process runs a method a few times, another one
-some times more, and the difference of their totals is what the further ticks took. Needs
-``valgrind`` (apt-get install valgrind) and some minutes: ``python benchmarks/instructions.py``.
+Formulas (``graspforce.study.compare.flops``) count arithmetic; this counts everything that the
+machine does, Python's part included, on the paper's dynamic task. Hardware counters are often
+closed to virtual machines, so Callgrind simulates: a child process runs a method a few times,
+another one some times more, and the difference of their totals is what the further ticks took.
+Needs ``valgrind`` (apt-get install valgrind), some minutes: ``python benchmarks/instructions.py``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from saving import show, writable
 
 from graspforce import _core, _engine, scenarios
 from graspforce.cli.process import as_command
-from graspforce.compare import methods
+from graspforce.study.compare import methods
 
 FIRST = 2  # ticks that warm up, in a stream and otherwise
 TICKS = {"wbf": 200, "gradient_flow": 1, "neural_network": 2}  # to count; of the others MANY
@@ -105,7 +105,7 @@ def measure(tell: Callable[[str], None], core_alone: bool = False) -> dict[tuple
             child, name, cold, ticks = line.strip().split("|")
             tell(name)
             key = (name, cold == "True")
-            totals.setdefault(key, []).append((int(ticks), _total(Path(folder) / child)))
+            totals.setdefault(key, []).append((int(ticks), read_total(Path(folder) / child)))
         if run.wait():
             raise SystemExit("valgrind, or what it ran, failed")
     return {
@@ -113,7 +113,7 @@ def measure(tell: Callable[[str], None], core_alone: bool = False) -> dict[tuple
     }
 
 
-def _total(path: Path) -> int:
+def read_total(path: Path) -> int:
     """Return the instructions that a Callgrind file sums up to."""
     lines = [line for line in path.read_text().splitlines() if line.startswith("totals:")]
     return int(lines[-1].split()[1])

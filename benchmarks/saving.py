@@ -8,10 +8,10 @@ from pathlib import Path
 
 from rich.console import Console, RenderableType
 
-from graspforce._util.atomic import check_writable, replacing
+from graspforce._util.atomic import atomic_write, check_writable
+from graspforce._util.environment import describe_machine
 from graspforce.cli import terminal
 from graspforce.errors import InvalidInputError
-from graspforce.report.machine import describe_machine
 
 
 def writable(name: str) -> Path:
@@ -40,6 +40,6 @@ def show(*parts: RenderableType, save: Path | None, width: int, append: bool = F
     with terminal.reporting(lambda: terminal.show(*parts, about)):
         if save is not None:
             before = save.read_text(encoding="utf-8") if append and save.is_file() else ""
-            with replacing(save) as temporary, temporary.open("w", encoding="utf-8") as file:
+            with atomic_write(save) as temporary, temporary.open("w", encoding="utf-8") as file:
                 file.write(before)
                 Console(file=file, width=width).print(*parts, about, sep="\n")

@@ -11,6 +11,7 @@ import argparse
 import importlib.metadata
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -23,6 +24,7 @@ SCENES = {
     "hold": ("hold", {}),
     "circle": ("circle", {}),
     "circle, without feed-forward of the fingers' inertia": ("circle", {"feed_forward": False}),
+    "circle, joints damped by 0.03 N·m·s/rad": ("circle", {"damping": 0.03}),
     "regrasp (finger 1 lifted by 12 mm)": ("regrasp", {}),
     "allegro, worst of 15": ("allegro", {}),
     "bulb": ("bulb", {}),
@@ -54,8 +56,17 @@ def scenes() -> Table:
     for heading in ("position", "rotation", "slip", "torque", "Newton steps, mean"):
         result.add_column(heading, justify="right")
     for words, (name, options) in SCENES.items():
-        result.add_row(words, *measured([sim.run(trial) for trial in sim.get(name, **options)]))
+        result.add_row(words, *measured([sim.run(trial) for trial in trials(name, **options)]))
     return result
+
+
+def trials(name: str, damping: float = 0.0, **options: Any) -> tuple[sim.Trial, ...]:
+    """Return a scene's trials, with every joint of the fingers damped [N·m·s/rad]."""
+    made = sim.get(name, **options)
+    for trial in made:
+        for joint in (joint for finger in trial.fingers for joint in finger.joints):
+            trial.model.dof_damping[trial.model.joint(joint).dofadr] += damping
+    return made
 
 
 def disturbances() -> Table:

@@ -4,18 +4,13 @@ Twelve are in tests/data, whose README says where they are from and how their re
 where ../shared has the whole set of 193, with references of other hands, the tests run on it too.
 """
 
-import sys
-from pathlib import Path
-
+import linearised_cones
 import numpy as np
 import pytest
 from conftest import ALLEGRO, SHARED
 
 import graspforce as gf
 from graspforce.baselines import compact_dual, dikin, lp, sdp, socp
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-import linearised_cones
 
 SETS = [path for path in (ALLEGRO, SHARED / "allegro_ycb.npz") if path.exists()]
 

@@ -129,6 +129,7 @@ def test_no_limits_at_all_has_a_least_effort_but_no_firmest_grip(method):
     if method in ENDLESS:
         assert solution.status is gf.solve(opposed()).status is gf.Status.UNBOUNDED
         assert not solution.c.any()
+        assert solution.verify().ok
         return
     assert solution.status is gf.Status.SOLVED
     if method not in (dikin, gradient_flow, sdp):  # mu = 0.5, and the pyramid's at its facet
@@ -151,7 +152,9 @@ def test_one_contact_without_limits_among_others():
     row[0, 1] = 1.0  # a tangential force has a limit, the squeeze has none
     problem = gf.Grasp(contacts).problem([0, 0, 2, 0, 0, 0], A=row, b=[3.0])
     for method in (gf, wbf_conic):
-        assert method.solve(problem).status is gf.Status.UNBOUNDED
+        solution = method.solve(problem)
+        assert solution.status is gf.Status.UNBOUNDED
+        assert solution.verify().ok
 
 
 def test_forces_that_the_wrench_alone_decides(method):

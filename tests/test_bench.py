@@ -4,19 +4,22 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import graspforce as gf
-from graspforce import bench
-from graspforce.bench import clock, own, peers, plot, workloads
+from graspforce._util import clock
+from graspforce.scenarios import random
+from graspforce.study import bench
+from graspforce.study.bench import own, peers, plot
 
 
 @pytest.fixture(scope="module")
 def run():
-    return bench.Run.of([*own.ticks_and_solves(1), *own.growth(1), *peers.beside_others(1)])
+    return bench.Run.of([*own.ticks_and_solves(1), *own.growth(1), *peers.peer_times(1)])
 
 
-def test_a_run_times_what_it_promises(run):
+def test_bench_a_run_times_what_it_promises(run):
     groups = list(dict.fromkeys(row.group for row in run.rows))
     assert groups == [
         "tick, the paper's dynamic task",
@@ -33,8 +36,8 @@ def test_a_run_times_what_it_promises(run):
     assert all(row.p50 <= row.p99 <= row.p999 and row.count > 0 for row in run.rows)
 
 
-def test_every_tick_that_is_timed_is_solved():
-    problems = workloads.dynamic_task()[:40]
+def test_bench_every_tick_that_is_timed_is_solved():
+    problems = list(gf.scenarios.dynamic().problems())[:40]
     for ticks in (own.bound_ticks(problems), own.written_ticks(problems), own.steps(problems)):
         for before, call in ticks:
             before()
@@ -46,16 +49,16 @@ def test_every_tick_that_is_timed_is_solved():
     assert tick() is gf.Status.SOLVED
 
 
-def test_random_grasps_are_feasible_and_the_same_each_time():
-    once, again = workloads.random_grasps(20), workloads.random_grasps(20)
+def test_bench_random_grasps_are_feasible_and_the_same_each_time():
+    once, again = random.grasps(20), random.grasps(20)
     assert once == again
     assert all(gf.solve(problem).status is gf.Status.SOLVED for problem in once)
     for contacts in own.CONTACTS:
-        stream = workloads.breathing_grasp(contacts, 4)
+        stream = random.stream(contacts, 4)
         assert all(gf.solve(problem).status is gf.Status.SOLVED for problem in stream)
 
 
-def test_times_are_of_the_call_and_not_of_what_comes_before():
+def test_bench_times_are_of_the_call_and_not_of_what_comes_before():
     order = []
     pairs = [(lambda: order.append("before"), lambda: order.append("call"))] * 3
     times = clock.hot(pairs, rounds=2)
@@ -64,7 +67,7 @@ def test_times_are_of_the_call_and_not_of_what_comes_before():
     assert clock.paced(pairs, 1e4, ticks=7).shape == (7,)
 
 
-def test_a_run_is_kept_and_read_again(run, tmp_path):
+def test_bench_a_run_is_kept_and_read_again(run, tmp_path):
     path = tmp_path / "run.json"
     run.save(path)
     assert bench.Run.load(path) == run
@@ -80,7 +83,7 @@ OTHERS = ["", "[]", "{}", '{"rows": [{"p50": 1}]}', '{"rows": 3}'] + [
 
 
 @pytest.mark.parametrize("text", OTHERS)
-def test_another_file_is_refused(tmp_path, text):
+def test_bench_another_file_is_refused(tmp_path, text):
     path = tmp_path / "other.json"
     path.write_text(text)
     with pytest.raises(gf.InvalidInputError, match="graspforce bench --save"):
@@ -89,13 +92,13 @@ def test_another_file_is_refused(tmp_path, text):
         bench.Run.load(tmp_path / "missing.json")
 
 
-def test_the_picture_is_drawn(run, tmp_path):
+def test_bench_the_picture_is_drawn(run, tmp_path):
     path = tmp_path / "run.png"
     plot.draw(run, path)
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_command_compares_with_a_run_before(run, tmp_path):
+def test_bench_the_command_compares_with_a_run_before(run, tmp_path):
     before, after = tmp_path / "before.json", tmp_path / "after.json"
     run.save(before)
     kept = json.loads(before.read_text())
@@ -112,7 +115,7 @@ def test_the_command_compares_with_a_run_before(run, tmp_path):
     }
 
 
-def test_a_run_before_that_is_missing_is_named():
+def test_bench_a_run_before_that_is_missing_is_named():
     done = bench_command("--compare", "none.json")
     assert done.returncode == 2
     assert "none.json" in done.stderr
@@ -123,3 +126,25 @@ def bench_command(*arguments):
         [sys.executable, "-m", "graspforce", "bench", "--effort", "1", *map(str, arguments)],
         capture_output=True, encoding="utf-8",
     )  # fmt: skip
+
+
+def test_bench_servo_steps_that_are_timed_take_every_field_that_changes():
+    rng = np.random.default_rng(1)
+    problems = [
+        problem.replace(alpha=rng.uniform(1, 9), tau_hi=rng.uniform(0.5, 1, 12), c_max=c_max)
+        for problem in list(gf.scenarios.dynamic().problems())[:20]
+        for c_max in [rng.uniform(20, 30)]
+    ]
+    servo = gf.Servo(problems[0])
+    for problem, (before, step) in zip(problems, own.steps(problems), strict=True):
+        before()
+        solution = step()
+        assert solution.problem == problem
+        np.testing.assert_allclose(solution.c, servo.step_to(problem).c, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ticks", [own.bound_ticks, own.written_ticks])
+def test_bench_servo_ticks_that_write_f_W_J_refuse_other_changes(ticks):
+    first, second = list(gf.scenarios.dynamic().problems())[:2]
+    with pytest.raises(gf.InvalidInputError, match="problems: alpha, tau_lo changed, expected"):
+        ticks([first, second.replace(alpha=2.0, tau_lo=-0.4)])

@@ -1,15 +1,10 @@
 """The random campaign in short: no wrong verdict, none missing at a margin of 1e-3."""
 
-import sys
-from pathlib import Path
-
+import campaign
 import numpy as np
 import pytest
 
 import graspforce as gf
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
-import campaign
 
 
 def verdicts(geometries, margin=None, hard=False, seed=7):
@@ -17,7 +12,7 @@ def verdicts(geometries, margin=None, hard=False, seed=7):
     return [v for task in tasks for v in campaign.judge_geometry(task) if v is not None]
 
 
-def test_every_grasp_is_decided_and_rightly():
+def test_campaign_every_grasp_is_decided_and_rightly():
     found = verdicts(range(120))
     assert len(found) > 1000
     assert {v.expected for v in found} == {
@@ -31,19 +26,19 @@ def test_every_grasp_is_decided_and_rightly():
 @pytest.mark.parametrize(
     ("margin", "hard", "decided"), [(1e-4, False, 1), (1e-5, False, 0.99), (None, True, 1)]
 )
-def test_the_hard_ends(margin, hard, decided):
+def test_campaign_the_hard_ends(margin, hard, decided):
     found = verdicts(range(40), margin, hard)
     assert [v for v in found if v.wrong] == []
     assert np.mean([v.decided for v in found]) >= decided
 
 
-def test_a_proof_outlives_the_rounding_that_ends_phase_1():
+def test_campaign_a_proof_outlives_the_rounding_that_ends_phase_1():
     """Here the search for the least violation once went on to numbers that overflow."""
     found = verdicts([1402], seed=1)
     assert [v for v in found if v.wrong or not v.decided] == []
 
 
-def test_the_critical_load_of_a_pinch_is_what_friction_gives():
+def test_campaign_the_critical_load_of_a_pinch_is_what_friction_gives():
     """Two fingers of at most 10 N and mu = .5 hold up to 10 N, and nothing downward but as much."""
     contacts = [
         gf.Contact((x, 0, 0), (-np.sign(x), 0, 0), gf.PCWF(0.5), tangent=(0, 0, 1))
@@ -56,7 +51,7 @@ def test_the_critical_load_of_a_pinch_is_what_friction_gives():
 
 
 @pytest.mark.parametrize("lie", ["swap", "slip"])
-def test_the_judge_catches_a_liar(monkeypatch, lie):
+def test_campaign_the_judge_catches_a_liar(monkeypatch, lie):
     honest = gf.solve
 
     def dishonest(problem):
@@ -68,6 +63,6 @@ def test_the_judge_catches_a_liar(monkeypatch, lie):
     assert any(v.wrong for v in verdicts(range(20)))
 
 
-def test_a_case_is_the_same_each_time():
+def test_campaign_a_case_is_the_same_each_time():
     once, again = (list(campaign.cases(3, 5, None, False)) for _ in range(2))
     assert [case and case.problem for case in once] == [case and case.problem for case in again]

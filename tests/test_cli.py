@@ -53,14 +53,14 @@ COMMANDS = ("solve", "scenario", "simulate", "reproduce", "bench", "compare")
 
 
 @pytest.mark.parametrize("command", [[], *([each] for each in COMMANDS)])
-def test_help_has_examples(command):
+def test_cli_help_has_examples(command):
     done = run(*command, "--help")
     assert done.returncode == 0
     assert done.stderr == ""
     assert re.search(rf"Examples:\n +graspforce {' '.join(command) or 'solve'}\b", done.stdout)
 
 
-def test_help_names_every_command_scenario_and_scene():
+def test_cli_help_names_every_command_scenario_and_scene():
     listed = re.findall(r"^  (\w+) {2,}", run("--help").stdout.partition("Commands:")[2], re.M)
     assert tuple(listed) == COMMANDS
     for command, names in (("scenario", gf.scenarios.NAMES), ("simulate", gf.sim.NAMES)):
@@ -84,7 +84,7 @@ def examples(tmp_path_factory):
     return folder, dict(zip(lines, runs, strict=True))
 
 
-def test_examples_of_the_help_run_as_printed(examples):
+def test_cli_examples_of_the_help_run_as_printed(examples):
     folder, runs = examples
     assert len(runs) >= 8
     assert {line: done.stderr for line, done in runs.items() if done.returncode != 0} == {}
@@ -92,7 +92,7 @@ def test_examples_of_the_help_run_as_printed(examples):
     assert made == {"forces.csv", "dynamic.csv", "light.csv", "results/regrasp.csv"}
 
 
-def test_version():
+def test_cli_version():
     done = run("--version")
     assert (done.returncode, done.stdout) == (0, f"graspforce {gf.__version__}\n")
 
@@ -100,7 +100,7 @@ def test_version():
 # ---- solve -------------------------------------------------------------------------------------
 
 
-def test_solve_prints_what_the_library_finds():
+def test_cli_solve_prints_what_the_library_finds():
     done = run("solve", SEVERAL)
     assert done.returncode == 0
     assert done.stderr == ""
@@ -122,7 +122,7 @@ def test_solve_prints_what_the_library_finds():
     assert "\n5 grasps: 3 solved, 2 infeasible\n" in done.stdout
 
 
-def test_solve_shows_the_torque_margin():
+def test_cli_solve_shows_the_torque_margin():
     done = run("solve", EXAMPLES / "paper_grasp.json")
     solution = gf.solve(files.read(EXAMPLES / "paper_grasp.json")[0].problem)
     margin = float(rows(done.stdout)["paper, static"][3])
@@ -131,7 +131,7 @@ def test_solve_shows_the_torque_margin():
 
 
 @pytest.mark.parametrize("ending", ["json", "csv", "npz"])
-def test_solve_writes_everything(tmp_path, ending):
+def test_cli_solve_writes_everything(tmp_path, ending):
     out = tmp_path / f"out.{ending}"
     out.write_text("old")
     done = run("solve", SEVERAL, "--out", out)
@@ -147,7 +147,7 @@ def test_solve_writes_everything(tmp_path, ending):
         assert out.read_bytes() == expected.read_bytes()
 
 
-def test_options_override_every_grasp(tmp_path):
+def test_cli_options_override_every_grasp(tmp_path):
     out = tmp_path / "out.json"
     done = run("solve", SEVERAL, "--alpha", 30, "--c-max", 50, "--tol", 1e-12, "--out", out)
     assert done.returncode == 0
@@ -158,7 +158,7 @@ def test_options_override_every_grasp(tmp_path):
         assert (got["name"], got["alpha"], got["c"]) == (name, 30, solution.c.tolist())
 
 
-def test_unbounded_grasp_shows_as_such(tmp_path):
+def test_cli_unbounded_grasp_shows_as_such(tmp_path):
     document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
     del document["c_max"]
     (tmp_path / "free.json").write_text(json.dumps(document), encoding="utf-8")
@@ -169,7 +169,7 @@ def test_unbounded_grasp_shows_as_such(tmp_path):
     assert "1 grasp: 1 unbounded\n" in done.stdout
 
 
-def test_names_come_through_a_pipe_whole(tmp_path):
+def test_cli_names_come_through_a_pipe_whole(tmp_path):
     document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
     name = "a [bold]name[/bold] " + "that goes on and on " * 20 + "to here"
     tricky = "\x1b[2Jcleared\nscreen"
@@ -182,7 +182,7 @@ def test_names_come_through_a_pipe_whole(tmp_path):
     assert "�[2Jcleared�screen" in done.stdout
 
 
-def test_many_failures_do_not_flood(tmp_path):
+def test_cli_many_failures_do_not_flood(tmp_path):
     slippery = json.loads(SEVERAL.read_text(encoding="utf-8"))["grasps"][1]
     (tmp_path / "many.json").write_text(json.dumps({"grasps": [slippery] * 30}), encoding="utf-8")
     done = run("solve", tmp_path / "many.json")
@@ -191,7 +191,7 @@ def test_many_failures_do_not_flood(tmp_path):
     assert "30 grasps: 30 infeasible\n" in done.stdout
 
 
-def test_a_poor_encoding_costs_no_output(tmp_path):
+def test_cli_a_poor_encoding_costs_no_output(tmp_path):
     document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
     path = tmp_path / "greek.json"
     path.write_text(json.dumps(document | {"name": "λάμδα"}), encoding="utf-8")
@@ -200,7 +200,7 @@ def test_a_poor_encoding_costs_no_output(tmp_path):
     assert "1 grasp: 1 solved" in done.stdout
 
 
-def test_narrow_terminal_loses_nothing():
+def test_cli_narrow_terminal_loses_nothing():
     """On a terminal the table fits its width: cells fold, and none ends in an ellipsis."""
     reader, terminal = pty.openpty()
     with subprocess.Popen(
@@ -230,7 +230,7 @@ def test_narrow_terminal_loses_nothing():
         assert steps in table
 
 
-def test_a_closed_pipe_is_no_error():
+def test_cli_a_closed_pipe_is_no_error():
     with subprocess.Popen(
         [sys.executable, "-m", "graspforce", "solve", str(SEVERAL)],
         stdout=subprocess.PIPE,
@@ -242,7 +242,7 @@ def test_a_closed_pipe_is_no_error():
         assert process.stderr.read() == b""
 
 
-def test_allegro_grasps():
+def test_cli_allegro_grasps():
     for alpha in ("1", "5"):
         done = run("solve", ALLEGRO, "--alpha", alpha)
         assert done.returncode == 0
@@ -275,7 +275,7 @@ def test_allegro_grasps():
         (["scenario", "static", "--out", "x.json"], "x.json: got a file name ending in '.json'"),
     ],
 )
-def test_what_is_wrong_is_one_line(tmp_path, arguments, message, monkeypatch, capsys):
+def test_cli_what_is_wrong_is_one_line(tmp_path, arguments, message, monkeypatch, capsys):
     """In this process, to be quick; the next test sees that a process of its own is the same."""
     cone = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
     floor = cone | {"name": "floor", "c_min": 1.5}
@@ -297,7 +297,7 @@ def test_what_is_wrong_is_one_line(tmp_path, arguments, message, monkeypatch, ca
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_failed_write_still_shows_the_table(tmp_path, monkeypatch, capsys):
+def test_cli_a_failed_write_still_shows_the_table(tmp_path, monkeypatch, capsys):
     def full(*_):
         raise OSError(28, "No space left on device")
 
@@ -313,7 +313,7 @@ def test_a_failed_write_still_shows_the_table(tmp_path, monkeypatch, capsys):
     assert "Everything about them" not in printed.out
 
 
-def test_what_is_wrong_is_one_line_in_a_process(tmp_path):
+def test_cli_what_is_wrong_is_one_line_in_a_process(tmp_path):
     done = run("solve", tmp_path / "none.json")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == (
@@ -325,14 +325,14 @@ def test_what_is_wrong_is_one_line_in_a_process(tmp_path):
     "arguments",
     [["slove"], ["solve"], ["solve", "x.json", "--alhpa", "1"], ["solve", "x.json", "--tol", "x"]],
 )
-def test_wrong_usage(arguments):
+def test_cli_wrong_usage(arguments):
     done = run(*arguments)
     assert done.returncode == 2
     assert "Error: " in done.stderr
     assert done.stdout == ""
 
 
-def test_nothing_to_do_shows_the_help():
+def test_cli_nothing_to_do_shows_the_help():
     done = run()
     assert done.returncode == 2
     assert "scenario" in done.stdout + done.stderr
@@ -341,7 +341,7 @@ def test_nothing_to_do_shows_the_help():
 # ---- scenario ----------------------------------------------------------------------------------
 
 
-def test_scenario_writes_every_tick(examples, tmp_path):
+def test_cli_scenario_writes_every_tick(examples, tmp_path):
     folder, runs = examples
     done = runs["scenario static --alpha 100 --out light.csv"]
     assert done.stderr == ""
@@ -358,7 +358,7 @@ def test_scenario_writes_every_tick(examples, tmp_path):
     assert "Every tick is in dynamic.csv\n" in runs["scenario dynamic"].stdout
 
 
-def test_scenario_does_not_replace_what_nobody_named(tmp_path):
+def test_cli_scenario_does_not_replace_what_nobody_named(tmp_path):
     (tmp_path / "static.csv").write_text("precious")
     done = run("scenario", "static", cwd=tmp_path)
     assert done.returncode == 2

@@ -1,5 +1,6 @@
 """``compare``: the measures are right, the files hold them, the paper's figures stand beside."""
 
+import dataclasses
 import itertools
 import json
 import math
@@ -11,27 +12,32 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import graspforce as gf
-from graspforce import baselines, compare, scenarios
+from graspforce import baselines, scenarios
 from graspforce.cli import app
-from graspforce.compare import flops, methods, output
-from graspforce.compare.measure import measure
+from graspforce.study import compare
+from graspforce.study.compare import flops, methods, output
+from graspforce.study.compare.measure import measure
 
 
 @pytest.fixture(scope="module")
 def found():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "SLOW", {"dikin": 6, "sdp": 6, "compact_dual": 60})
-        return compare.compare(["dynamic"], ["wbf", "compact_dual", "dikin", "sdp"])
+    """Four methods on the dynamic task, three of them on few of its ticks."""
+    task = compare.task("dynamic")
+    rows = []
+    for name, limit in (("wbf", None), ("compact_dual", 60), ("dikin", 6), ("sdp", 6)):
+        method = dataclasses.replace(methods.method(name), max_problems=limit)
+        rows.append(measure(method, task, whole=False))
+    return compare.Comparison((task,), tuple(rows))
 
 
-def test_every_method_is_run_or_named_as_missing():
+def test_compare_every_method_is_run_or_named_as_missing():
     assert compare.NAMES[0] == "wbf"
     others = {f"socp_norm_{solver}" for solver in ("qoco", "scs", "ecos", "moreau")}
     assert set(compare.NAMES) == {"wbf", "socp_norm", *others, *baselines.METHODS}
-    assert [each.name for each in methods.chosen(None)] == list(compare.NAMES)
+    assert [each.name for each in methods.select(None)] == list(compare.NAMES)
 
 
-def test_measures_are_those_of_the_solutions(found):
+def test_compare_measures_are_those_of_the_solutions(found):
     row = found.of("dynamic", "compact_dual")
     ticks = compare.task("dynamic")
     cold = methods.method("compact_dual").cold
@@ -46,8 +52,10 @@ def test_measures_are_those_of_the_solutions(found):
     assert row.largest_jump == max(jumps)
     assert 30 <= len(jumps) < len(forces) - 1
     assert row.largest_normal == forces.max()
-    assert row.slip_margin == min(each.friction_margins.min() for each in solutions)
-    assert row.torque_margin == min(each.torque_residual for each in solutions)
+    slip = min(each.friction_margins.min() for each in solutions)
+    assert row.slip_margin == pytest.approx(slip, rel=1e-9)
+    torque = min(each.torque_residual for each in solutions)
+    assert row.torque_margin == pytest.approx(torque, rel=1e-9)
     assert (row.iterations == [each.newton_steps for each in solutions]).all()
     assert row.statuses == {"SOLVED": len(forces)}
     assert row.solved == len(forces)
@@ -57,7 +65,7 @@ def test_measures_are_those_of_the_solutions(found):
     assert (row.cold_us > 0).all()
 
 
-def test_the_linear_program_jumps_and_the_barriers_do_not(found):
+def test_compare_the_linear_program_jumps_and_the_barriers_do_not(found):
     jumps = {row.method: row.largest_jump for row in found.rows}
     assert jumps["compact_dual"] > 1
     assert jumps["wbf"] < 0.15
@@ -65,7 +73,7 @@ def test_the_linear_program_jumps_and_the_barriers_do_not(found):
     assert jumps["dikin"] < 0.01
 
 
-def test_slow_methods_run_pairs_of_ticks(found):
+def test_compare_slow_methods_run_pairs_of_ticks(found):
     ran = found.of("dynamic", "sdp").ran
     assert ran.tolist() == [0, 1, 249, 250, 498, 499]
     assert found.of("dynamic", "wbf").ran.tolist() == list(range(500))
@@ -74,11 +82,11 @@ def test_slow_methods_run_pairs_of_ticks(found):
     away = np.array([not problem.active[0] for problem in regrasp.problems])
     changes = np.flatnonzero(np.diff(away))
     assert len(changes) == 2
-    assert set(changes) | set(changes + 1) <= set(regrasp.some(2).tolist())
-    assert len(regrasp.some(None)) == 500
+    assert set(changes) | set(changes + 1) <= set(regrasp.subset(2).tolist())
+    assert len(regrasp.subset(None)) == 500
 
 
-def test_warm_ticks_take_one_step(found):
+def test_compare_warm_ticks_take_one_step(found):
     row = found.of("dynamic", "wbf")
     assert row.warm_iterations.mean() < 1.1
     assert row.iterations.mean() > 3
@@ -86,7 +94,7 @@ def test_warm_ticks_take_one_step(found):
     assert dikin.warm_iterations[1::2].mean() < dikin.iterations.mean() / 2
 
 
-def test_kept_workspaces_are_warm_and_answer_the_same():
+def test_compare_kept_workspaces_are_warm_and_answer_the_same():
     found = compare.compare(["static"], ["lp", "qp", "socp", "socp_norm", "wbf_conic"])
     for row in found.rows:
         assert row.warm_us is not None
@@ -98,8 +106,27 @@ def test_kept_workspaces_are_warm_and_answer_the_same():
     assert pivots.iterations.min() > 10
 
 
-def test_a_method_named_twice_runs_once():
-    assert [each.name for each in methods.chosen(["lp", "wbf", "lp"])] == ["lp", "wbf"]
+def test_compare_takes_a_task_of_ones_own():
+    problems = compare.task("static").problems[:2]
+    mine = compare.Task("mine", problems, None)
+    found = compare.compare([mine], ["wbf"])
+    assert found.tasks == (mine,)
+    assert [(row.task, row.of, row.solved) for row in found.rows] == [("mine", 2, 2)]
+
+
+def test_compare_the_warm_wbf_takes_every_field_that_changes():
+    """Limits, alpha and all: what is solved is the problem of the tick."""
+    first = scenarios.get("dynamic").problem(0.0)
+    run = methods.method("wbf").warm()
+    for change in ({"alpha": 2.0}, {"tau_hi": 0.4}, {"tau_bias": 0.01, "models": gf.PCWF(0.7)}):
+        problem = first.replace(**change)
+        solution = run(problem)
+        assert solution.problem == problem
+        np.testing.assert_allclose(solution.c, gf.solve(problem).c, rtol=1e-3, atol=1e-3)
+
+
+def test_compare_a_method_named_twice_runs_once():
+    assert [each.name for each in methods.select(["lp", "wbf", "lp"])] == ["lp", "wbf"]
 
 
 def test_every_solver_of_the_norm_is_compared():
@@ -113,20 +140,20 @@ def test_every_solver_of_the_norm_is_compared():
     assert len({row.iterations[0] for row in rows}) > 1  # not the same solver again
 
 
-def test_the_norm_and_the_largest_normal_are_different_programs(rng):
+def test_compare_the_norm_and_the_largest_normal_are_different_programs(rng):
     problem = plant(rng, ["PCWF"] * 5).problem
     one, two = (methods.method(name).cold(problem) for name in ("socp", "socp_norm"))
     assert one.normal_forces.max() < two.normal_forces.max() - 1e-3
     assert one.c @ one.c > two.c @ two.c + 1e-3
 
 
-def test_the_regrasp_runs_under_every_method():
+def test_compare_the_regrasp_runs_under_every_method():
     """Round the two moments, where the forces change fastest; the largest jump of each."""
     whole = compare.task("regrasp")
     around = [124, 125, 126, 375, 376, 377]
     task = compare.Task("regrasp", tuple(whole.problems[i] for i in around), whole.t[around])
     jumps = {}
-    for method in methods.chosen(None):
+    for method in methods.select(None):
         row = measure(method, task, whole=method.name != "gradient_flow")
         if row.missing is not None:
             assert method.name in ("socp_norm_ecos", "socp_norm_moreau")
@@ -146,7 +173,7 @@ def test_the_regrasp_runs_under_every_method():
         assert 0.2 < jumps[smooth] < 0.4
 
 
-def test_flops_of_the_papers_problem():
+def test_compare_flops_of_the_papers_problem():
     problem = scenarios.get("dynamic").problem(0.0)
     # 12 kflops for the dense step, 24 kflops an SDP iteration, as in Section IV-B.3
     assert flops.wbf_dense(problem) == pytest.approx(12e3, rel=0.1)
@@ -160,7 +187,7 @@ def test_flops_of_the_papers_problem():
     assert flops.minimum_norm(problem) == 4 * 144 * 6 + 8 * 12 * 36 + 9 * 216
 
 
-def test_claims_stand_beside_the_papers(found):
+def test_compare_claims_stand_beside_the_papers(found):
     claims = found.claims()
     assert len(claims) == 5
     # Of the paper's SDP figures one does not hold: Clarabel takes 21 iterations, not 5.
@@ -168,7 +195,7 @@ def test_claims_stand_beside_the_papers(found):
     assert compare.compare(["static"], ["wbf"]).claims() == []
 
 
-def test_json_holds_every_number(found):
+def test_compare_json_holds_every_number(found):
     document = json.loads(found.to_json(), parse_constant=lambda name: pytest.fail(name))
     assert document["paper"]["wbf step [flop]"] == 12e3
     (task,) = document["tasks"]
@@ -183,18 +210,22 @@ def test_json_holds_every_number(found):
     )
 
 
-def test_infeasible_and_unsolved_problems_are_counted(tmp_path):
+def test_compare_infeasible_and_unsolved_problems_are_counted(tmp_path):
     good = scenarios.get("static").problem(0.0)
     task = compare.Task("mixed", (good, good.replace(f=40 * good.f)), None)
     row = measure(methods.method("wbf"), task, whole=True)
     assert (row.solved, row.infeasible, row.failures) == (1, 1, 0)
     assert row.largest_jump is None
+    solved = gf.solve(good)
+    assert row.slip_margin == pytest.approx(solved.friction_margins.min(), rel=1e-9)
+    assert row.torque_margin == pytest.approx(solved.torque_residual, rel=1e-9)
+    assert row.largest_normal == solved.normal_forces.max()
     assert np.isnan(row.normal_forces[1]).all()
     document = json.loads(compare.Comparison((task,), (row,)).to_json())
     assert document["rows"][0]["normal forces [N]"][1] == [None] * 4
 
 
-def test_a_problem_counts_by_the_worse_of_its_two_ends():
+def test_compare_a_problem_counts_by_the_worse_of_its_two_ends():
     task = compare.task("static")
     solved = gf.solve(task.problems[0])
     ends = [gf.Status.SOLVED, gf.Status.INFEASIBLE, gf.Status.MAX_STEPS, gf.Status.UNBOUNDED]
@@ -222,7 +253,7 @@ class Ended:
         return getattr(self._solution, name)
 
 
-def test_no_limits_is_unbounded_and_not_infeasible():
+def test_compare_no_limits_is_unbounded_and_not_infeasible():
     contacts = [gf.Contact((s * 0.04, 0, 0), (-s, 0, 0), gf.PCWF(0.5)) for s in (1, -1)]
     endless = compare.Task("endless", (gf.Grasp(contacts).problem([0, 0, 2, 0, 0, 0]),), None)
     row = measure(methods.method("wbf"), endless, whole=True)
@@ -230,7 +261,7 @@ def test_no_limits_is_unbounded_and_not_infeasible():
     assert output.cells(row)[-2:] == ["0, 1", "0"]
 
 
-def test_fast_methods_run_once_before_the_run_that_counts():
+def test_compare_fast_methods_run_once_before_the_run_that_counts():
     task, solved = compare.task("static"), []
 
     def solve(problem):
@@ -240,11 +271,11 @@ def test_fast_methods_run_once_before_the_run_that_counts():
     row = measure(methods.Method("wbf", solve, None), task, whole=True)
     assert len(solved) == 1 + 2 * len(row.ran)
     solved.clear()
-    row = measure(methods.Method("dikin", solve, None), task, whole=True)
+    row = measure(methods.Method("dikin", solve, None, max_problems=100), task, whole=True)
     assert len(solved) == 1 + len(row.ran)
 
 
-def test_a_missing_package_is_a_row_with_the_pip_line(monkeypatch):
+def test_compare_a_missing_package_is_a_row_with_the_pip_line(monkeypatch):
     def missing(problem):
         raise gf.MissingExtraError("this method", "nothing", "baselines")
 
@@ -261,7 +292,7 @@ def test_a_missing_package_is_a_row_with_the_pip_line(monkeypatch):
     assert math.isfinite(json.loads(alone.to_json())["paper"]["factor"])
 
 
-def test_a_name_with_brackets_is_printed_as_it_stands():
+def test_compare_a_name_with_brackets_is_printed_as_it_stands():
     console = Console(width=200)
     task = compare.Task("grasps[bold].json", compare.task("static").problems, None)
     with console.capture() as printed:
@@ -269,7 +300,7 @@ def test_a_name_with_brackets_is_printed_as_it_stands():
     assert "grasps[bold].json" in printed.get()
 
 
-def test_the_command_prints_and_writes(tmp_path):
+def test_compare_the_command_prints_and_writes(tmp_path):
     run = CliRunner().invoke(
         app, ["compare", "static", "--method", "wbf", "--method", "dikin", "--out", str(tmp_path)]
     )
@@ -284,7 +315,7 @@ def test_the_command_prints_and_writes(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == names
 
 
-def test_a_bad_folder_is_refused_before_the_work(tmp_path, monkeypatch):
+def test_compare_a_bad_folder_is_refused_before_the_work(tmp_path, monkeypatch):
     (tmp_path / "folder" / "comparison.json").mkdir(parents=True)
     (tmp_path / "file").write_text("mine")
     monkeypatch.setattr(compare, "compare", lambda *_: pytest.fail("worked first"))
@@ -300,7 +331,7 @@ def test_a_bad_folder_is_refused_before_the_work(tmp_path, monkeypatch):
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_a_file_of_grasps_is_a_task(tmp_path):
+def test_compare_a_file_of_grasps_is_a_task(tmp_path):
     file = tmp_path / "two.json"
     contact = {"normal": [-1, 0, 0], "point": [0.04, 0, 0], "model": "PCWF", "mu": 0.5}
     other = contact | {"normal": [1, 0, 0], "point": [-0.04, 0, 0]}
@@ -320,7 +351,7 @@ def test_a_file_of_grasps_is_a_task(tmp_path):
         (["static", "--method", "x"], "methods"),
     ],
 )
-def test_bad_arguments_are_one_line(arguments, words):
+def test_compare_bad_arguments_are_one_line(arguments, words):
     run = CliRunner().invoke(app, ["compare", *arguments])
     assert run.exit_code == 2
     assert words in run.output

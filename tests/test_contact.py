@@ -2,6 +2,8 @@
 
 import dataclasses
 import pickle
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import graspforce as gf
+from graspforce.contact import model_of
 
 MODELS = [gf.FPC(), gf.PCWF(0.5), gf.SFC(0.5, 0.01)]
 vectors = st.tuples(*[st.floats(-1, 1)] * 3).map(np.array).filter(lambda v: np.linalg.norm(v) > 0.1)
@@ -140,3 +143,43 @@ def test_frame_turns_with_the_world(rng):
     normal, tangent = unit(rng.normal(size=(2, 3)))
     turned = contact(normal=R @ normal, tangent=R @ tangent).frame
     assert turned == pytest.approx(R @ contact(normal=normal, tangent=tangent).frame, abs=1e-14)
+
+
+@pytest.mark.parametrize("model", MODELS, ids=str)
+def test_wrench_basis_is_what_each_component_exerts(model, rng):
+    """Forces along normal, x and y; a torque about the normal; nothing else."""
+    axis = unit(rng.normal(size=3))
+    touched = contact(normal=axis, model=model, tangent=rng.normal(size=3))
+    basis = touched.wrench_basis
+    assert basis.shape == (6, model.dim)
+    forces = touched.frame[:, : min(model.dim, 3)]
+    assert np.array_equal(basis[:3, :3], forces)
+    assert not basis[3:, :3].any()
+    if model.dim == 4:
+        assert basis[:, 3].tolist() == [0, 0, 0, *touched.normal.tolist()]
+
+
+@pytest.mark.parametrize(
+    ("model", "scaling"),
+    [(MODELS[0], [1]), (MODELS[1], [0.5, 1, 1]), (MODELS[2], [0.5, 1, 1, 50])],
+)
+def test_cone_scaling(model, scaling):
+    assert model.cone_scaling.tolist() == scaling
+
+
+def test_a_model_is_its_components_and_coefficients():
+    for model in MODELS:
+        assert model_of(model.dim, model.mu, model.gamma) == model
+    assert [model.mu for model in MODELS] == [1.0, 0.5, 0.5]
+
+
+def test_no_part_of_the_package_branches_on_the_class_of_a_model():
+    """But for the file that defines them and the reader that makes them of a file's words."""
+    branching = re.compile(r"isinstance\([^)]*\b(FPC|PCWF|SFC)\b|\bcase (FPC|PCWF|SFC)\(")
+    package = Path(gf.__file__).parent
+    files = {
+        path.relative_to(package).as_posix()
+        for path in package.rglob("*.py")
+        if branching.search(path.read_text(encoding="utf-8"))
+    }
+    assert files == {"contact.py"}

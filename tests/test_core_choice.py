@@ -8,7 +8,10 @@ import pytest
 
 from graspforce import _engine
 
-PRINT = "import graspforce._engine as e; print(e.module.__name__, e.NativeServo.__module__)"
+PRINT = """
+from graspforce._engine import dispatch, module
+print(module.__name__, dispatch.NativeServo.__module__)
+"""
 
 
 def run(core):

@@ -19,6 +19,7 @@ import pytest
 
 import graspforce as gf
 from graspforce import _engine
+from graspforce._engine import dispatch
 
 ROOT = Path(__file__).parents[1]
 EXAMPLE = ROOT / "examples" / "cpp"
@@ -82,7 +83,7 @@ def instructions_of(module):
 
 def forces_of_python(module, monkeypatch):
     """What a compiled core answers to the task, tick by tick."""
-    monkeypatch.setattr(_engine, "NativeServo", importlib.import_module(module).Servo)
+    monkeypatch.setattr(dispatch, "NativeServo", importlib.import_module(module).Servo)
     servo = None
     for problem in write_task.problems():
         servo = servo or gf.Servo(problem)

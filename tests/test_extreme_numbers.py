@@ -65,3 +65,4 @@ def test_whatever_number_stands_wherever(ticks):
         assert status is servo.solution.status
         assert servo.solution.violation < np.inf
         assert bears_itself_out(servo.solution)
+        assert isinstance(servo.solution.verify().ok, bool)  # one way or the other, no exception

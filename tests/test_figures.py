@@ -1,5 +1,6 @@
 """Figures 4 to 12: the right numbers from the logs, and those numbers on the axes."""
 
+import dataclasses
 import subprocess
 import sys
 import xml.etree.ElementTree
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 
 from graspforce import figures, scenarios
-from graspforce.errors import MissingExtraError
-from graspforce.figures import style
+from graspforce._util import plot
+from graspforce.contact import SFC
+from graspforce.errors import InvalidInputError, MissingExtraError
 
 MU, LIMIT = 0.5, 0.5
 BY_NUMBER = {module.NUMBER: module for module in figures.FIGURES}
@@ -144,14 +146,14 @@ def test_fig12_engagement_is_the_papers_schedule(shown):
 
 
 @every_figure
-def test_claims_hold_and_carry_their_numbers(module, shown):
+def test_figures_claims_hold_and_carry_their_numbers(module, shown):
     for claim in module.claims(shown[module.NUMBER]):
         assert claim.holds is True
         assert claim.numbers
         assert all(np.isfinite(value) for value in claim.numbers.values())
 
 
-def test_claims_say_so_when_they_do_not_hold(shown):
+def test_figures_claims_say_so_when_they_do_not_hold(shown):
     fig07, fig08 = BY_NUMBER[7], BY_NUMBER[8]
     t = shown[7].t
     assert fig07.claims(fig07.Data(t, np.full(500, 0.49), LIMIT))[0].holds is False
@@ -177,7 +179,7 @@ LINES = {
 
 
 @every_figure
-def test_draw_puts_the_data_on_the_axes(module, shown):
+def test_figures_draw_puts_the_data_on_the_axes(module, shown):
     data = shown[module.NUMBER]
     figure = module.draw(data)
     lines = [line for axes in figure.axes for line in axes.lines if len(line.get_xdata()) > 2]
@@ -192,7 +194,7 @@ def test_draw_puts_the_data_on_the_axes(module, shown):
 
 
 @every_figure
-def test_axes_are_labelled_and_legends_are_beside_the_data(module, shown):
+def test_figures_axes_are_labelled_and_legends_are_beside_the_data(module, shown):
     figure = module.draw(shown[module.NUMBER])
     figure.canvas.draw()
     assert figure.axes[-1].get_xlabel() in ("time [s]", "weight α of the limits against the cones")
@@ -206,7 +208,7 @@ def test_axes_are_labelled_and_legends_are_beside_the_data(module, shown):
             assert legend.x1 <= figure.bbox.x1
 
 
-def test_fingers_keep_their_colours_and_dashes(shown):
+def test_figures_fingers_keep_their_colours_and_dashes(shown):
     looks = {
         number: [
             (line.get_color(), line.get_linestyle(), line.get_label())
@@ -220,7 +222,7 @@ def test_fingers_keep_their_colours_and_dashes(shown):
 
 
 @pytest.mark.parametrize("number", [9, 10, 11, 12])
-def test_the_time_without_finger_1_is_shaded(number, shown):
+def test_figures_the_time_without_finger_1_is_shaded(number, shown):
     for axes in BY_NUMBER[number].draw(shown[number]).axes:
         spans = sorted((patch.get_x(), patch.get_x() + patch.get_width()) for patch in axes.patches)
         edges = [(0.25, 0.5), (0.5, 1.5), (1.5, 1.75)]
@@ -229,7 +231,7 @@ def test_the_time_without_finger_1_is_shaded(number, shown):
 
 @pytest.mark.parametrize("kind", ["png", "svg"])
 def test_the_same_figure_is_the_same_bytes(kind, shown):
-    first, second = (style.render(BY_NUMBER[9].draw(shown[9]), kind) for _ in range(2))
+    first, second = (plot.render(BY_NUMBER[9].draw(shown[9]), kind) for _ in range(2))
     assert first == second
     if kind == "png":
         assert first.startswith(b"\x89PNG\r\n\x1a\n")
@@ -237,7 +239,7 @@ def test_the_same_figure_is_the_same_bytes(kind, shown):
         assert xml.etree.ElementTree.fromstring(first).tag == "{http://www.w3.org/2000/svg}svg"
 
 
-def test_data_needs_no_matplotlib():
+def test_figures_data_needs_no_matplotlib():
     code = (
         "import sys; from graspforce import figures, scenarios;"
         "figures.fig04_normal_forces_alpha.data(scenarios.sweep_alpha([1.0]));"
@@ -246,7 +248,7 @@ def test_data_needs_no_matplotlib():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_without_matplotlib_the_extra_is_named(monkeypatch, shown):
+def test_figures_without_matplotlib_the_extra_is_named(monkeypatch, shown):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'matplotlib>="):
         BY_NUMBER[4].draw(shown[4])
@@ -273,4 +275,12 @@ def test_the_picture_is_drawn():
     figure = figures.grasp_picture.draw(figures.grasp_picture.data(scenarios.static()))
     assert len(figure.axes[0].texts) == 4
     assert all(text.get_text().endswith(" N") for text in figure.axes[0].texts)
-    assert style.render(figure, "png").startswith(b"\x89PNG")
+    assert plot.render(figure, "png").startswith(b"\x89PNG")
+
+
+def test_the_picture_refuses_contacts_whose_cone_it_does_not_draw():
+    scenario = scenarios.static()
+    contacts = scenario.cube.side_contacts(SFC(0.5, 0.01))
+    mixed = dataclasses.replace(scenario, contacts=(*scenario.contacts[:3], contacts[3]))
+    with pytest.raises(InvalidInputError, match="scenario: got contacts of model SFC, expected"):
+        figures.grasp_picture.data(mixed)

@@ -19,7 +19,8 @@ from jsonschema import Draft202012Validator
 
 import graspforce as gf
 from graspforce import files
-from graspforce.files import npz_grasps, writing
+from graspforce.files import npz_grasps
+from graspforce.solution.columns import Columns
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -107,14 +108,14 @@ def test_json_grasp_by_W(tmp_path):
     assert problem == gf.ForceProblem([[1, -1]], [2], [gf.FPC(), gf.FPC()], c_max=5)
 
 
-def test_several_grasps_keep_their_order_and_get_names(tmp_path):
+def test_files_several_grasps_keep_their_order_and_get_names(tmp_path):
     unnamed = changed(name=None)
     document = {"grasps": [unnamed, CAN, unnamed]}
     names = [name for name, _ in files.read(save(tmp_path / "x.JSON", document))]
     assert names == ["x[0]", "can", "x[2]"]
 
 
-def test_byte_order_mark_is_no_error(tmp_path):
+def test_files_byte_order_mark_is_no_error(tmp_path):
     path = tmp_path / "g.json"
     path.write_text(json.dumps(CAN), encoding="utf-8-sig")
     assert files.read(path)[0].name == "can"
@@ -146,7 +147,7 @@ BAD_TEXTS = {
 
 
 @pytest.mark.parametrize(("text", "message"), BAD_TEXTS.values(), ids=BAD_TEXTS)
-def test_bad_text_is_refused(tmp_path, text, message):
+def test_files_bad_text_is_refused(tmp_path, text, message):
     path = tmp_path / "bad.json"
     path.write_bytes(text)
     with pytest.raises(gf.InvalidInputError, match=message) as caught:
@@ -239,7 +240,7 @@ BAD_GRASPS = {
 
 
 @pytest.mark.parametrize(("document", "message"), BAD_GRASPS.values(), ids=BAD_GRASPS)
-def test_bad_grasp_is_refused(tmp_path, document, message):
+def test_files_bad_grasp_is_refused(tmp_path, document, message):
     path = save(tmp_path / "bad.json", document)
     with pytest.raises(gf.InvalidInputError, match=message) as caught:
         files.read(path)
@@ -247,7 +248,7 @@ def test_bad_grasp_is_refused(tmp_path, document, message):
     assert "\n" not in str(caught.value)
 
 
-def test_the_can_itself_is_fine(tmp_path):
+def test_files_the_can_itself_is_fine(tmp_path):
     """Else the cases above could be refused for the wrong reason."""
     ((_, problem),) = files.read(save(tmp_path / "can.json", CAN))
     assert gf.solve(problem).status is gf.Status.SOLVED
@@ -265,7 +266,7 @@ def test_unreadable_files(tmp_path):
         files.read(tmp_path / "folder.json")
 
 
-def test_schema_is_valid_and_describes_what_the_reader_reads():
+def test_files_schema_is_valid_and_describes_what_the_reader_reads():
     schema = files.schema()
     Draft202012Validator.check_schema(schema)
     arguments = {"f", "W", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement"}
@@ -340,6 +341,34 @@ def test_npz_all_limits(tmp_path):
     )  # fmt: skip
 
 
+def test_npz_every_limit_of_every_grasp_has_its_own_numbers(tmp_path):
+    rng = np.random.default_rng(3)
+    data = stacks(B=4)
+    del data["tau_limit"], data["c_max"]
+    data |= {
+        "tau_lo": rng.uniform(-2, -1, 4), "tau_hi": rng.uniform(1, 2, (4, 4)), "tau_bias": 0.1,
+        "c_max": rng.uniform(5, 9, (4, 2)), "c_min": rng.uniform(0.1, 0.2, 4),
+        "engagement": rng.uniform(0.5, 1, (4, 2)), "c_last": rng.normal(size=(4, 6)),
+        "dc_max": rng.uniform(1, 2, 4), "A": rng.normal(size=(4, 2, 6)),
+        "b": rng.normal(size=(4, 2)),
+    }  # fmt: skip
+    np.savez(tmp_path / "s.npz", **data)
+    for i, (_, problem) in enumerate(files.read(tmp_path / "s.npz")):
+        own = {
+            key: value[i] if np.ndim(value) else value
+            for key, value in data.items()
+            if key not in ("mu", "names")
+        }
+        assert problem == gf.ForceProblem(models=[gf.PCWF(mu) for mu in data["mu"][i]], **own)
+
+
+def test_npz_problems_cannot_be_written_to(tmp_path):
+    np.savez(tmp_path / "s.npz", **stacks())
+    problem = files.read(tmp_path / "s.npz")[1].problem
+    with pytest.raises(ValueError, match="read-only"):
+        problem.f[0] = 1.0
+
+
 def test_npz_names(tmp_path):
     data = stacks()
     names = data.pop("names")
@@ -358,7 +387,9 @@ def test_npz_other_keys_are_left_alone_and_listed(tmp_path):
     np.savez(tmp_path / "s.npz", **stacks(), **other)
     assert len(files.read(tmp_path / "s.npz")) == 3
     assert sorted(files.unused_keys(tmp_path / "s.npz")) == ["mass", "poses"]
+    assert sorted(files.load(tmp_path / "s.npz").unused_keys) == ["mass", "poses"]
     assert files.unused_keys(tmp_path / "any.json") == []
+    assert files.load(save(tmp_path / "can.json", CAN)).unused_keys == []
     with pytest.raises(gf.InvalidInputError, match=r"none\.npz: cannot read"):
         files.unused_keys(tmp_path / "none.npz")
 
@@ -382,6 +413,12 @@ def test_npz_is_never_unpickled(tmp_path):
     assert not trace.exists()
 
 
+def last_nan():
+    J = np.ones((3, 6, 4))
+    J[2, 5, 3] = np.nan
+    return J
+
+
 BAD_STACKS = {
     "no W": ({"W": None}, r"W: missing; expected at least W \(B, k, m\), f \(B, k\) and mu"),
     "no f": ({"f": None}, "f: missing"),
@@ -399,6 +436,7 @@ BAD_STACKS = {
     "mu 0": ({"mu": [0.5, 0.0, 0.5]}, "grasp 1 'grasp 1 ä': PCWF.mu: got 0.0"),
     "three mu": ({"mu": np.ones((3, 3))}, r"mu: got shape \(3,\), expected shape \(2,\)"),
     "tau_limit 0": ({"tau_limit": [1, 1, 0]}, r"grasp 2 .*: tau_limit\[0\]: got 0, expected more"),
+    "NaN in the last": ({"J": last_nan()}, r"grasp 2 .*: J\[5, 3\]: got nan, expected"),
     "tau_limit of text": ({"tau_limit": "a"}, "tau_limit: got type str"),
     "no J": ({"J": None}, "J: missing; tau_lo and tau_hi came without it"),
     "no tau_limit": ({"tau_limit": None}, "tau_lo: missing; J came without it"),
@@ -408,7 +446,7 @@ BAD_STACKS = {
 
 
 @pytest.mark.parametrize(("changes", "message"), BAD_STACKS.values(), ids=BAD_STACKS)
-def test_bad_stacks_are_refused(tmp_path, changes, message):
+def test_files_bad_stacks_are_refused(tmp_path, changes, message):
     path = tmp_path / "bad.npz"
     data = {key: value for key, value in (stacks() | changes).items() if value is not None}
     np.savez(path, **data)
@@ -481,28 +519,28 @@ def results():
     return [files.NamedSolution(name, gf.solve(problem)) for name, problem in grasps]
 
 
-def numbers(solution):
-    names = [
-        "phi", "suboptimality", "violation", "friction_residual", "torque_residual",
-        "wrench_error", "newton_steps",
-    ]  # fmt: skip
-    return {name: getattr(solution, name) for name in names} | {"alpha": solution.problem.alpha}
-
-
-def vectors(solution):
-    names = ["c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu"]
-    each = {name: getattr(solution, name) for name in names}
-    certificate = solution.certificate
-    each["certificate_y"] = certificate.y if certificate else np.empty(0)
-    each["certificate_z"] = certificate.z if certificate else np.empty(0)
-    return each
+def numbers_and_vectors(results):
+    """What is written of every result, from its columns, whose tests judge the numbers."""
+    columns = Columns(solution for _, solution in results)
+    for i, solution in enumerate(columns):
+        names = [
+            "phi", "suboptimality", "violation", "friction_residual", "torque_residual",
+            "wrench_error", "newton_steps",
+        ]  # fmt: skip
+        numbers = {name: columns.rows(name)[i] for name in names}
+        names = ["c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu"]
+        vectors = {name: columns.rows(name)[i] for name in names}
+        proof = solution.certificate
+        vectors["certificate_y"] = proof.y if proof else np.empty(0)
+        vectors["certificate_z"] = proof.z if proof else np.empty(0)
+        yield numbers | {"alpha": solution.problem.alpha}, vectors
 
 
 def finite(x):
     return x if math.isfinite(x) else None
 
 
-def test_the_results_have_every_case(results):
+def test_files_the_results_have_every_case(results):
     statuses = [solution.status for _, solution in results]
     assert {gf.Status.SOLVED, gf.Status.INFEASIBLE, gf.Status.UNBOUNDED} == set(statuses)
     assert any(np.isinf(solution.friction_margins).any() for _, solution in results)
@@ -517,7 +555,8 @@ def test_json_results_round_trip(tmp_path, results):
     assert "Infinity" not in text
     back = json.loads(text)["results"]
     assert len(back) == len(results)
-    for got, (name, solution) in zip(back, results, strict=True):
+    written = numbers_and_vectors(results)
+    for got, (name, solution), (numbers, vectors) in zip(back, results, written, strict=True):
         certificate = got.pop("certificate")
         got |= {f"certificate_{k}": (certificate or {"y": [], "z": []})[k] for k in "yz"}
         assert (certificate is None) == (solution.certificate is None)
@@ -525,8 +564,8 @@ def test_json_results_round_trip(tmp_path, results):
             "name": name,
             "status": solution.status.name,
             "message": solution.message,
-            **{key: finite(value) for key, value in numbers(solution).items()},
-            **{key: [finite(x) for x in v.tolist()] for key, v in vectors(solution).items()},
+            **{key: finite(value) for key, value in numbers.items()},
+            **{key: [finite(x) for x in v.tolist()] for key, v in vectors.items()},
         }
         assert got == expected
 
@@ -549,14 +588,15 @@ def test_csv_results_round_trip(tmp_path, results):
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file, strict=True))
     assert len(rows) == len(results)
-    for row, (name, solution) in zip(rows, results, strict=True):
+    written = numbers_and_vectors(results)
+    for row, (name, solution), (numbers, vectors) in zip(rows, results, written, strict=True):
         assert row.pop("name") == name
         assert row.pop("status") == solution.status.name
         assert row.pop("message") == solution.message
-        for key, value in numbers(solution).items():
+        for key, value in numbers.items():
             cell = row.pop(key)
             assert (float(cell) if cell else None) == finite(value)
-        for key, vector in vectors(solution).items():
+        for key, vector in vectors.items():
             for index, value in enumerate(vector):
                 cell = row.pop(f"{key}_{index}")
                 assert (float(cell) if cell else None) == finite(value)
@@ -569,20 +609,21 @@ def test_npz_results_round_trip(tmp_path, results):
     with np.load(path, allow_pickle=False) as archive:
         back = dict(archive)
     assert all(len(array) == len(results) for array in back.values())
-    for i, (name, solution) in enumerate(results):
+    written = numbers_and_vectors(results)
+    for i, ((name, solution), (numbers, vectors)) in enumerate(zip(results, written, strict=True)):
         assert back["name"][i] == name
         assert back["status"][i] == solution.status.name
         assert back["message"][i] == solution.message
-        for key, value in numbers(solution).items():
+        for key, value in numbers.items():
             np.testing.assert_equal(back[key][i], value)
-        for key, vector in vectors(solution).items():
+        for key, vector in vectors.items():
             length = back[f"{key}_length"][i]
             np.testing.assert_array_equal(back[key][i, :length], vector)
             assert np.isnan(back[key][i, length:]).all()
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv", ".npz"])
-def test_failed_write_keeps_what_was_there(tmp_path, results, ending, monkeypatch):
+def test_files_failed_write_keeps_what_was_there(tmp_path, results, ending, monkeypatch):
     path = tmp_path / f"out{ending}"
     path.write_text("precious")
 
@@ -607,7 +648,7 @@ def test_write_replaces_whole_files_and_keeps_links(tmp_path, results):
     assert (tmp_path / "real.csv").read_bytes() == (tmp_path / "fresh.csv").read_bytes()
 
 
-def test_bad_outputs_are_refused(tmp_path, results):
+def test_files_bad_outputs_are_refused(tmp_path, results):
     with pytest.raises(gf.InvalidInputError, match=r"ending in '\.xlsx', expected one in \.json"):
         files.write(tmp_path / "out.xlsx", results)
     with pytest.raises(gf.InvalidInputError, match=r"directory .* does not exist"):
@@ -620,7 +661,7 @@ def test_bad_outputs_are_refused(tmp_path, results):
 # ---- examples and documentation ----------------------------------------------------------------
 
 
-def test_examples_are_what_their_script_makes(tmp_path):
+def test_files_examples_are_what_their_script_makes(tmp_path):
     script = [sys.executable, str(EXAMPLES / "make_examples.py"), str(tmp_path)]
     subprocess.run(script, check=True, timeout=60)
     made = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}
@@ -628,7 +669,7 @@ def test_examples_are_what_their_script_makes(tmp_path):
     assert made == kept
 
 
-def test_paper_example_is_the_static_scenario():
+def test_files_paper_example_is_the_static_scenario():
     ((_, problem),) = files.read(EXAMPLES / "paper_grasp.json")
     expected = gf.scenarios.get("static").problem(0.0)
     for name, value in expected.arguments().items():
@@ -638,7 +679,7 @@ def test_paper_example_is_the_static_scenario():
     assert gf.solve(problem).status is gf.Status.SOLVED
 
 
-def test_nose_cone_is_the_published_problem():
+def test_files_nose_cone_is_the_published_problem():
     """Lobo, Vandenberghe, Boyd and Lebret (1998), in the numbers of Vanderbei's collection."""
     ((_, problem),) = files.read(EXAMPLES / "nose_cone.json")
     document = json.loads((EXAMPLES / "nose_cone.json").read_text(encoding="utf-8"))
@@ -658,14 +699,14 @@ def test_nose_cone_is_the_published_problem():
     assert gf.solve(problem.replace(c_max=0.999 * least)).status is gf.Status.INFEASIBLE
 
 
-def test_several_example():
+def test_files_several_example():
     solutions = [gf.solve(problem) for _, problem in files.read(EXAMPLES / "several_grasps.json")]
     verdicts = [solution.status.name for solution in solutions]
     assert verdicts == ["SOLVED", "INFEASIBLE", "SOLVED", "SOLVED", "INFEASIBLE"]
     assert all(solution.verify().ok for solution in solutions)
 
 
-def test_allegro_file_is_read_as_it_is():
+def test_files_allegro_file_is_read_as_it_is():
     grasps = files.read(ALLEGRO)
     assert len(grasps) == 12
     assert grasps[0].name == "002_master_chef_can"
@@ -686,19 +727,34 @@ def test_json_of_the_docs_is_read_and_solved(tmp_path, snippet):
 
 
 @pytest.mark.parametrize("snippet", fenced("python"))
-def test_python_of_the_docs_runs(tmp_path, snippet, monkeypatch, capsys):
+def test_files_python_of_the_docs_runs(tmp_path, snippet, monkeypatch, capsys):
     (tmp_path / "examples").symlink_to(EXAMPLES)
     monkeypatch.chdir(tmp_path)
     exec(snippet, {})
     assert capsys.readouterr().out.strip() == re.findall(r"print\(.*# (.*)", snippet)[-1]
 
 
-def test_docs_name_every_key_and_field():
+def test_files_docs_name_every_key_and_field(tmp_path, results):
+    files.write(tmp_path / "out.json", results)
+    files.write(tmp_path / "out.npz", results)
+    with np.load(tmp_path / "out.npz") as archive:
+        fields = {key.removesuffix("_length") for key in archive.files}
+    written = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))["results"][0]
     text = (ROOT / "docs" / "file_formats.md").read_text(encoding="utf-8")
     definitions = files.schema()["$defs"]
     keys = {
         key for each in ("grasp", "contact", "several") for key in definitions[each]["properties"]
     }
-    keys |= {*npz_grasps._KEYS, *writing._TEXTS, *writing._NUMBERS, *writing._VECTORS}
+    keys |= {*npz_grasps.KEYS, *fields, *written}
     missing = {key for key in keys if f"`{key}" not in text}
     assert not missing
+
+
+def test_files_replacing_is_an_alias_that_warns(tmp_path):
+    with pytest.warns(DeprecationWarning, match="replacing is now graspforce.files.atomic_write"):
+        replacing = files.replacing
+    with replacing(tmp_path / "out.txt") as temporary:
+        temporary.write_text("whole")
+    assert (tmp_path / "out.txt").read_text() == "whole"
+    with pytest.raises(AttributeError, match="has no attribute 'other'"):
+        files.other  # noqa: B018

@@ -128,7 +128,7 @@ def test_it_is_the_imported_hands_jacobian():
     [
         "",
         'stiffness=".3" springref=".4"',
-        'stiffness=".3" damping=".02"',
+        'stiffness=".3" damping=".02 .5 .1"',
         'actuatorgravcomp="true"',
     ],
 )
@@ -139,7 +139,7 @@ def test_the_bias_is_what_inverse_dynamics_asks_for(joint):
     data = mujoco.MjData(model)
     data.qpos[ROBOT] = scene()[1].qpos[ROBOT]
     rng = np.random.default_rng(1)
-    data.qvel[:] = 0 if "damping" in joint else rng.normal(size=model.nv)
+    data.qvel[:] = rng.normal(size=model.nv)
     mujoco.mj_forward(model, data)
     grasp = gf.Grasp.from_mujoco(model, data, "cube")
     data.qacc[:] = 0
@@ -150,15 +150,6 @@ def test_the_bias_is_what_inverse_dynamics_asks_for(joint):
         assert np.abs(data.qfrc_gravcomp[ROBOT]).max() > 1e-3
     np.testing.assert_allclose(grasp.tau_bias, wanted[ROBOT], atol=1e-12)
     assert np.abs(grasp.tau_bias).max() > 1e-3
-
-
-def test_damping_is_not_fed_forward():
-    model, data = scene(joint='damping=".1"')
-    at_rest = gf.Grasp.from_mujoco(model, data, "cube").tau_bias
-    data.qvel[ROBOT] = 1e-6
-    mujoco.mj_forward(model, data)
-    moving = gf.Grasp.from_mujoco(model, data, "cube").tau_bias
-    np.testing.assert_allclose(moving, at_rest, atol=1e-9)
 
 
 def test_three_lines_hold_the_cube():
@@ -299,7 +290,8 @@ def test_the_torque_is_about_the_centre_of_mass():
     model, data = scene(world=CUBE.replace("</body>", lump))
     grasp = gf.Grasp.from_mujoco(model, data, "cube")
     np.testing.assert_allclose(grasp.origin, [0.04 / 3, 0, 0.1 + 0.02 / 3], atol=1e-12)
-    np.testing.assert_array_equal(grasp.W, gf.grasp_map(grasp.contacts, data.body("cube").xipos))
+    W = gf.grasp_map(grasp.contacts, data.body("cube").xipos)
+    np.testing.assert_allclose(grasp.W, W, atol=1e-16)
 
 
 def test_the_body_by_number():

@@ -45,10 +45,12 @@ def material_velocity(hand, contact, q, dq, h=1e-6):
     robot = hand.robot
 
     def pose(angles):
-        posture = robot.posture(angles)
+        configuration = robot.configuration(angles)
         body = mujoco.mj_name2id(robot.model, mujoco.mjtObj.mjOBJ_SITE, "tip")
         body = robot.model.site_bodyid[body]
-        return posture._data.xpos[body].copy(), posture._data.xmat[body].reshape(3, 3).copy()
+        return configuration._data.xpos[body].copy(), configuration._data.xmat[body].reshape(
+            3, 3
+        ).copy()
 
     at, turned = pose(q)
     local = turned.T @ (contact.point - at)

@@ -44,8 +44,8 @@ def material_velocity(hand, tip, point, q, dq, h=1e-6):
     """Velocity of the point of ``tip`` that is at ``point``, by Pinocchio's forward kinematics."""
 
     def placement(angles):
-        posture = hand.robot.posture(angles)
-        return posture._data.oMf[hand.robot.model.getFrameId(tip)].copy()
+        configuration = hand.robot.configuration(angles)
+        return configuration._data.oMf[hand.robot.model.getFrameId(tip)].copy()
 
     here, ahead, behind = (placement(each) for each in (q, q + h * dq, q - h * dq))
     local = here.actInv(point)
@@ -373,6 +373,67 @@ def test_several_contacts_and_what_does_not_move(written):
     assert J[0].any()
     assert J[1].any()
     assert not J[2:].any()
+
+
+def test_a_reader_that_is_updated_is_one_made_anew(written):
+    model = paper_model(written)
+    contacts, own = cube_contacts(), PaperHand("radial")
+    rng = np.random.default_rng(12)
+    arguments = ["pad1", "pad1", "palm", "universe"]
+    q = np.zeros(12)
+    reader = gf.hands.PinocchioGrasp(model, q, contacts, arguments)
+    start = own.inverse_kinematics(np.array([contact.point for contact in contacts]))
+    for _ in range(20):
+        q, v = start + rng.normal(size=12) * 0.1, rng.normal(size=12)
+        contacts = contacts_at(rng.normal(size=(4, 3)) * 0.1, rng, [gf.SFC(0.5, 0.01)] * 4)
+        origin = rng.normal(size=3) * 0.1
+        reader.update(q, contacts, v, origin)
+        other = gf.Grasp.from_pinocchio(model, q, contacts, arguments, v, origin)
+        for name in ("origin", "W", "J", "tau_bias", "tau_lo", "tau_hi"):
+            np.testing.assert_array_equal(getattr(reader, name), getattr(other, name), name)
+        for name in ("contacts", "links", "joint_names", "notes"):
+            assert getattr(reader, name) == getattr(other, name)
+        # The point of the link that is at the contact, moved by each joint alone.
+        for column, name in enumerate(reader.joint_names):
+            dof = model.joints[model.getJointId(name)].idx_v
+            for row, contact in enumerate(contacts[:2]):
+                a, b = (moved_point(model, q, q + s * np.eye(12)[dof], "pad1", contact.point)
+                        for s in (-1e-6, 1e-6))  # fmt: skip
+                rate = contact.frame.T @ (b - a) / 2e-6
+                np.testing.assert_allclose(reader.J[4 * row :][:3, column], rate, atol=1e-9)
+
+
+def moved_point(model, q, q_moved, frame, point):
+    """Where a point of the world at q is at q_moved when it goes along with a frame."""
+    data, index = model.createData(), model.getFrameId(frame)
+    pin.framesForwardKinematics(model, data, q)
+    local = data.oMf[index].actInv(point)
+    pin.framesForwardKinematics(model, data, q_moved)
+    return data.oMf[index].act(local)
+
+
+def test_a_robot_of_one_joint(written):
+    path = written(urdf_robot(["palm", "tip"], [urdf_joint("a", "palm", "tip", axis="0 0 1")]))
+    contact = gf.Contact((0.03, 0.0, 0.02), (0, 1, 0), gf.PCWF(0.5), tangent=(0, 0, 1))
+    reader = gf.hands.PinocchioGrasp(pin.buildModelFromUrdf(str(path)), [0.0], [contact], ["tip"])
+    np.testing.assert_allclose(reader.J, [[0.03], [0], [0]], atol=1e-15)
+    hand = from_urdf(path, ["tip"])
+    np.testing.assert_allclose(hand.jacobian([contact], [0.0]), reader.J, atol=1e-15)
+
+
+def test_an_update_that_is_refused_leaves_the_reader(written):
+    model, contacts, q = paper_model(written), cube_contacts(), np.zeros(12)
+    reader = gf.hands.PinocchioGrasp(model, q, contacts, PADS)
+    before = reader.J.copy()
+    for match, *arguments in (
+        ("contacts: got 3, expected 4, made by pad1, pad2, pad3, pad4", q, contacts[:3]),
+        (r"q: got shape \(11,\), expected shape \(12,\)", q[1:], contacts),
+        (r"v: got shape \(11,\), expected shape \(12,\)", q, contacts, q[1:]),
+        (r"origin: got shape \(2,\)", q + 0.1, contacts, None, (0, 0)),
+    ):
+        with pytest.raises(gf.InvalidInputError, match=match):
+            reader.update(*arguments)
+    np.testing.assert_array_equal(reader.J, before)
 
 
 def test_a_floating_base_is_held(written):

@@ -6,19 +6,17 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
-import pytest
-
-from graspforce import sim
-from graspforce.baselines import METHODS
-from graspforce.compare import NAMES
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 import convergence
 import instructions
 import linearised_cones
+import numpy as np
+import pytest
 import saving
 import simulation
+
+from graspforce import sim
+from graspforce.baselines import METHODS
+from graspforce.study.compare import NAMES
 
 BENCHMARKS = Path(simulation.__file__).parent
 
@@ -40,7 +38,7 @@ def test_a_work_runs_as_many_ticks_as_it_says():
 def test_totals_of_callgrind_files(tmp_path):
     file = tmp_path / "1"
     file.write_text("# callgrind format\nsummary: 5\n\nfn=(1)\n1 7\ntotals: 123456\n")
-    assert instructions._total(file) == 123456
+    assert instructions.read_total(file) == 123456
 
 
 def refusal(benchmark, monkeypatch, capsys, *arguments):

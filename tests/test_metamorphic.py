@@ -307,10 +307,10 @@ def test_rows_that_contradict_each_other_are_out_of_reach(settings, planted, rng
 @on_both_backends(**COUNTS, planted=planted_problems(), rng=seeds)
 def test_any_mixture_of_the_equations_is_the_same_equations(settings, planted, rng):
     problem = planted.problem
-    mix = np.eye(6) + 0.3 * rng.normal(size=(6, 6))
+    left, right = (np.linalg.qr(rng.normal(size=(6, 6)))[0] for _ in range(2))
+    mix = left @ np.diag(np.exp2(rng.uniform(-3, 3, 6))) @ right
     mixed = problem.replace(W=mix @ problem.W, f=mix @ problem.f)
-    if np.linalg.cond(mix) < 1e3:
-        assert_same(solve(mixed, settings).c, solve(problem, settings).c)
+    assert_same(solve(mixed, settings).c, solve(problem, settings).c)
 
 
 @on_both_backends(reference=3, native=30, rng=seeds, kind=st.sampled_from(["PCWF", "SFC"]))
@@ -345,11 +345,11 @@ def test_a_planar_problem_is_the_spatial_one_with_the_other_forces_shut(settings
     assert solution.nu.shape == (3,)
     # It is the optimum of the spatial problem that asks for the wrench it makes.
     whole = problem.replace(f=problem.W @ solution.c)
-    if solution.phi > -1e6:
-        again = gf.solve(whole, settings, start=solution.c)
-        assert again.status is gf.Status.SOLVED
-        assert_same(again.c, solution.c)
-        assert solution.phi <= solve(problem, settings).phi + 1e-9
+    again = gf.solve(whole, settings, start=solution.c)
+    assert again.status is gf.Status.SOLVED
+    assert_same(again.c, solution.c)
+    best = solve(problem, settings).phi
+    assert solution.phi <= best + 1e-9 * abs(best)
 
 
 # ---- alpha -------------------------------------------------------------------------------------
@@ -370,14 +370,15 @@ def test_more_weight_on_the_limits_never_goes_nearer_to_them(settings, planted):
 
 
 @on_both_backends(**COUNTS, planted=planted_problems(), rng=seeds)
-def test_a_looser_limit_never_worsens_the_objective_of_the_others(settings, planted, rng):
-    """Phi* is convex in f along any line between two feasible wrenches."""
-    problem = planted.problem
-    ends = [problem.f, problem.W @ (0.98 * planted.c)]
-    phis = []
-    for s in (0.0, 0.5, 1.0):
-        solution = gf.solve(problem.replace(f=(1 - s) * ends[0] + s * ends[1]), settings)
-        if solution.status is not gf.Status.SOLVED:
-            return
-        phis.append(solution.phi)
+def test_the_least_objective_is_convex_in_the_wrench(settings, planted, rng):
+    """Along the line between the wrenches of two forces inside the limits."""
+    problem, c = planted.problem, planted.c
+    step = np.abs(c) * rng.normal(size=problem.m)
+    while gf.reference.objective(c + step, problem) == np.inf:
+        step = step / 2
+    ends = [problem.f, problem.W @ (c + step / 2)]
+    phis = [
+        solve(problem.replace(f=(1 - s) * ends[0] + s * ends[1]), settings).phi
+        for s in (0.0, 0.5, 1.0)
+    ]
     assert phis[1] <= (phis[0] + phis[2]) / 2 + 1e-9 * max(map(abs, phis))

@@ -20,13 +20,13 @@ import pytest
 import graspforce as gf
 from graspforce import files, scenarios
 from graspforce._util import atomic
-from graspforce._util.atomic import check_writable, make_folder, replacing
+from graspforce._util.atomic import atomic_write, check_writable, make_folder
 
 OLD, NEW = "what was there\n", "what is written\n"
 
 
 def write(path, text=NEW):
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(text)
 
 
@@ -48,14 +48,14 @@ def umask():
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """No test waits that long, and none fails on a slow machine."""
-    monkeypatch.setattr(atomic, "_PATIENCE", 600)
+    monkeypatch.setattr(atomic, "READER_TIMEOUT", 600)
 
 
 # ---- regular files -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("mask", "expected"), [(0o022, 0o644), (0o077, 0o600), (0o007, 0o660)])
-def test_a_new_file_has_the_mode_of_the_umask(tmp_path, umask, mask, expected):
+def test_output_a_new_file_has_the_mode_of_the_umask(tmp_path, umask, mask, expected):
     umask(mask)
     write(tmp_path / "new.txt")
     assert (tmp_path / "new.txt").read_text() == NEW
@@ -64,7 +64,7 @@ def test_a_new_file_has_the_mode_of_the_umask(tmp_path, umask, mask, expected):
 
 
 @pytest.mark.parametrize("bits", [0o600, 0o640, 0o666, 0o755, 0o4755, 0o2775])
-def test_a_replaced_file_keeps_its_mode(tmp_path, umask, bits):
+def test_output_a_replaced_file_keeps_its_mode(tmp_path, umask, bits):
     umask(0o077)
     path = tmp_path / "old.txt"
     path.write_text(OLD)
@@ -76,7 +76,7 @@ def test_a_replaced_file_keeps_its_mode(tmp_path, umask, bits):
     assert path.stat().st_mtime > 0
 
 
-def test_a_replaced_file_keeps_its_owner(tmp_path):
+def test_output_a_replaced_file_keeps_its_owner(tmp_path):
     path = tmp_path / "old.txt"
     path.write_text(OLD)
     try:
@@ -89,7 +89,7 @@ def test_a_replaced_file_keeps_its_owner(tmp_path):
     assert path.read_text() == NEW
 
 
-def test_a_replaced_file_keeps_its_extended_attributes(tmp_path):
+def test_output_a_replaced_file_keeps_its_extended_attributes(tmp_path):
     path = tmp_path / "old.txt"
     path.write_text(OLD)
     try:
@@ -100,7 +100,7 @@ def test_a_replaced_file_keeps_its_extended_attributes(tmp_path):
     assert os.getxattr(path, "user.origin") == b"a grasp"
 
 
-def test_other_hard_links_keep_the_old_content(tmp_path):
+def test_output_other_hard_links_keep_the_old_content(tmp_path):
     (tmp_path / "one.txt").write_text(OLD)
     os.link(tmp_path / "one.txt", tmp_path / "two.txt")
     write(tmp_path / "one.txt")
@@ -115,7 +115,7 @@ def test_other_hard_links_keep_the_old_content(tmp_path):
         "λ 手 🤏.json".encode(), b"latin-1 \xe4.json", b"-v.json", b"$(x) %d 'q' [b].json",
     ],
 )  # fmt: skip
-def test_every_name_that_open_takes(tmp_path, monkeypatch, name):
+def test_output_every_name_that_open_takes(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     for path in (tmp_path / os.fsdecode(name), os.fsdecode(name)):
         check_writable(path)
@@ -124,7 +124,7 @@ def test_every_name_that_open_takes(tmp_path, monkeypatch, name):
         assert Path(path).read_text() == NEW
 
 
-def test_a_name_that_is_too_long_is_refused(tmp_path):
+def test_output_a_name_that_is_too_long_is_refused(tmp_path):
     path = tmp_path / ("n" * 256)
     with pytest.raises(gf.InvalidInputError, match="cannot write it: File name too long"):
         check_writable(path)
@@ -132,9 +132,9 @@ def test_a_name_that_is_too_long_is_refused(tmp_path):
         write(path)
 
 
-def test_the_temporary_name_is_unforeseeable_and_its_folder_private(tmp_path):
+def test_output_the_temporary_name_is_unforeseeable_and_its_folder_private(tmp_path):
     (tmp_path / "a.txt").write_text(OLD)
-    with replacing(tmp_path / "a.txt") as one, replacing(tmp_path / "a.txt") as other:
+    with atomic_write(tmp_path / "a.txt") as one, atomic_write(tmp_path / "a.txt") as other:
         assert one.parent != other.parent
         assert mode(one.parent) == 0o700
         assert one.parent.parent == tmp_path  # a rename within one file system
@@ -144,7 +144,7 @@ def test_the_temporary_name_is_unforeseeable_and_its_folder_private(tmp_path):
     assert names(tmp_path) == ["a.txt"]
 
 
-def test_threads_that_write_one_file(tmp_path):
+def test_output_threads_that_write_one_file(tmp_path):
     path = tmp_path / "one.json"
     failed = []
 
@@ -166,11 +166,11 @@ def test_threads_that_write_one_file(tmp_path):
 
 
 @pytest.mark.parametrize("raised", [ValueError, OSError, KeyboardInterrupt, SystemExit])
-def test_a_block_that_fails_leaves_all_as_it_was(tmp_path, raised):
+def test_output_a_block_that_fails_leaves_all_as_it_was(tmp_path, raised):
     (tmp_path / "old.txt").write_text(OLD)
 
     def fail(path):
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             temporary.write_text("half of wh")
             raise raised
 
@@ -181,7 +181,7 @@ def test_a_block_that_fails_leaves_all_as_it_was(tmp_path, raised):
     assert (tmp_path / "old.txt").read_text() == OLD
 
 
-def test_the_bytes_are_on_the_disk_before_they_have_the_name(tmp_path, monkeypatch):
+def test_output_the_bytes_are_on_the_disk_before_they_have_the_name(tmp_path, monkeypatch):
     order = []
     fsync, replace = os.fsync, os.replace
     monkeypatch.setattr(os, "fsync", lambda fd: (order.append("fsync"), fsync(fd)))
@@ -190,12 +190,15 @@ def test_the_bytes_are_on_the_disk_before_they_have_the_name(tmp_path, monkeypat
     assert order == ["fsync", "replace"]
 
 
-def test_an_error_names_the_file_and_not_the_temporary_one(tmp_path):
+def test_output_an_error_names_the_file_and_not_the_temporary_one(tmp_path):
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     path = tmp_path / "old.txt"
-    with pytest.raises(OSError, match="cannot write it: No space left") as caught, replacing(path):
+    with (
+        pytest.raises(OSError, match="cannot write it: No space left") as caught,
+        atomic_write(path),
+    ):
         full()
     assert caught.value.filename == str(path)
     assert caught.value.errno == errno.ENOSPC
@@ -204,12 +207,12 @@ def test_an_error_names_the_file_and_not_the_temporary_one(tmp_path):
 # ---- links -------------------------------------------------------------------------------------
 
 
-def test_a_link_stays_one_and_its_target_is_replaced(tmp_path):
+def test_output_a_link_stays_one_and_its_target_is_replaced(tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "real.dat").write_text(OLD)
     (tmp_path / "link.txt").symlink_to("there/real.dat")
     (tmp_path / "second.txt").symlink_to("link.txt")
-    with replacing(tmp_path / "second.txt") as temporary:
+    with atomic_write(tmp_path / "second.txt") as temporary:
         assert temporary.suffix == ".txt"  # the format is that of the name that was given
         temporary.write_text(NEW)
     assert (tmp_path / "second.txt").readlink() == Path("link.txt")
@@ -218,7 +221,7 @@ def test_a_link_stays_one_and_its_target_is_replaced(tmp_path):
     assert names(tmp_path / "there") == ["real.dat"]
 
 
-def test_a_dangling_link_makes_its_target(tmp_path):
+def test_output_a_dangling_link_makes_its_target(tmp_path):
     (tmp_path / "link.txt").symlink_to("new.txt")
     check_writable(tmp_path / "link.txt")
     assert names(tmp_path) == ["link.txt"]
@@ -227,13 +230,13 @@ def test_a_dangling_link_makes_its_target(tmp_path):
     assert (tmp_path / "new.txt").read_text() == NEW
 
 
-def test_a_link_into_nowhere_is_refused(tmp_path):
+def test_output_a_link_into_nowhere_is_refused(tmp_path):
     (tmp_path / "link.txt").symlink_to("nowhere/new.txt")
     with pytest.raises(gf.InvalidInputError, match=r"the directory .*nowhere does not exist"):
         check_writable(tmp_path / "link.txt")
 
 
-def test_a_loop_of_links_is_refused(tmp_path):
+def test_output_a_loop_of_links_is_refused(tmp_path):
     (tmp_path / "a.txt").symlink_to("b.txt")
     (tmp_path / "b.txt").symlink_to("a.txt")
     with pytest.raises(gf.InvalidInputError, match=r"a\.txt: cannot write it: .*symbolic links"):
@@ -259,7 +262,7 @@ def listen(fifo):
     return heard
 
 
-def test_a_pipe_gets_the_content_and_stays_a_pipe(tmp_path):
+def test_output_a_pipe_gets_the_content_and_stays_a_pipe(tmp_path):
     fifo, link = tmp_path / "fifo.txt", tmp_path / "link.txt"
     os.mkfifo(fifo)
     link.symlink_to(fifo.name)
@@ -272,7 +275,7 @@ def test_a_pipe_gets_the_content_and_stays_a_pipe(tmp_path):
     assert names(tmp_path) == ["fifo.txt", "link.txt"]
 
 
-def test_a_pipe_waits_for_a_reader_that_is_about_to_come(tmp_path, monkeypatch):
+def test_output_a_pipe_waits_for_a_reader_that_is_about_to_come(tmp_path, monkeypatch):
     fifo = tmp_path / "fifo.txt"
     os.mkfifo(fifo)
     hearers = []
@@ -287,15 +290,15 @@ def test_a_pipe_waits_for_a_reader_that_is_about_to_come(tmp_path, monkeypatch):
     assert hearers[0]() == NEW
 
 
-def test_a_pipe_that_nobody_reads_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(atomic, "_PATIENCE", 0)
+def test_output_a_pipe_that_nobody_reads_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(atomic, "READER_TIMEOUT", 0)
     os.mkfifo(tmp_path / "fifo.txt")
     with pytest.raises(OSError, match="cannot write it: no process reads this pipe"):
         write(tmp_path / "fifo.txt")
     assert (tmp_path / "fifo.txt").is_fifo()
 
 
-def test_a_reader_that_goes_away_is_an_error_of_that_pipe(tmp_path):
+def test_output_a_reader_that_goes_away_is_an_error_of_that_pipe(tmp_path):
     fifo = tmp_path / "fifo.txt"
     os.mkfifo(fifo)
     thread = threading.Thread(target=lambda: open(fifo, "rb").close(), daemon=True)
@@ -305,7 +308,7 @@ def test_a_reader_that_goes_away_is_an_error_of_that_pipe(tmp_path):
     assert caught.value.filename == str(fifo)
 
 
-def test_a_terminal_is_written_to(tmp_path):
+def test_output_a_terminal_is_written_to(tmp_path):
     reader, writer = os.openpty()
     try:
         device = Path(os.ttyname(writer))
@@ -321,7 +324,7 @@ def test_a_terminal_is_written_to(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has it")
-def test_a_device_that_is_full_is_an_error(tmp_path):
+def test_output_a_device_that_is_full_is_an_error(tmp_path):
     (tmp_path / "full.txt").symlink_to("/dev/full")
     with pytest.raises(OSError, match="cannot write it: No space left") as caught:
         write(tmp_path / "full.txt")
@@ -331,7 +334,7 @@ def test_a_device_that_is_full_is_an_error(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/fd/0").exists(), reason="no /dev/fd")
-def test_a_file_that_is_open_here_is_written_to_where_it_stands(tmp_path):
+def test_output_a_file_that_is_open_here_is_written_to_where_it_stands(tmp_path):
     """To replace it would cut off whoever holds it open, such as the shell that redirected."""
     log = tmp_path / "log.txt"
     with log.open("w") as file:
@@ -348,7 +351,7 @@ def test_a_file_that_is_open_here_is_written_to_where_it_stands(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/fd/0").exists(), reason="no /dev/fd")
-def test_an_unnamed_pipe_is_written_to():
+def test_output_an_unnamed_pipe_is_written_to():
     reader, writer = os.pipe()
     try:
         write(f"/dev/fd/{writer}")
@@ -358,7 +361,7 @@ def test_an_unnamed_pipe_is_written_to():
         os.close(writer)
 
 
-def test_folders_and_sockets_are_refused(tmp_path, monkeypatch):
+def test_output_folders_and_sockets_are_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # the path of a socket must be short
     (tmp_path / "folder.txt").mkdir()
     with socket.socket(socket.AF_UNIX) as made:
@@ -374,7 +377,7 @@ def test_folders_and_sockets_are_refused(tmp_path, monkeypatch):
     assert names(tmp_path / "folder.txt") == []
 
 
-def test_a_block_device_is_refused(tmp_path):
+def test_output_a_block_device_is_refused(tmp_path):
     path = tmp_path / "disk.txt"
     try:
         os.mknod(path, stat.S_IFBLK | 0o666, os.makedev(7, 99))
@@ -388,7 +391,7 @@ def test_a_block_device_is_refused(tmp_path):
 # ---- places that cannot be written to ----------------------------------------------------------
 
 
-def test_a_folder_that_is_not_there_or_none(tmp_path):
+def test_output_a_folder_that_is_not_there_or_none(tmp_path):
     (tmp_path / "file").write_text(OLD)
     with pytest.raises(gf.InvalidInputError, match=r"the directory .*no does not exist"):
         check_writable(tmp_path / "no" / "new.txt")
@@ -400,7 +403,7 @@ def test_a_folder_that_is_not_there_or_none(tmp_path):
     assert names(tmp_path) == ["file"]
 
 
-def test_a_read_only_folder_is_refused_before_and_after_the_work(ordinary_user):
+def test_output_a_read_only_folder_is_refused_before_and_after_the_work(ordinary_user):
     old = ordinary_user / "old.txt"
     old.write_text(OLD)
     ordinary_user.chmod(0o500)
@@ -420,7 +423,7 @@ def test_a_read_only_folder_is_refused_before_and_after_the_work(ordinary_user):
     assert old.read_text() == OLD
 
 
-def test_a_write_protected_file_is_not_replaced(ordinary_user):
+def test_output_a_write_protected_file_is_not_replaced(ordinary_user):
     path = ordinary_user / "old.txt"
     path.write_text(OLD)
     path.chmod(0o400)
@@ -444,7 +447,7 @@ def of_another_user(request):
     return path, lambda: os.setresuid(65534, 65534, 0)
 
 
-def test_a_file_of_another_user_is_replaced_where_that_is_permitted(of_another_user):
+def test_output_a_file_of_another_user_is_replaced_where_that_is_permitted(of_another_user):
     path, switch = of_another_user
     switch()
     write(path)
@@ -453,7 +456,7 @@ def test_a_file_of_another_user_is_replaced_where_that_is_permitted(of_another_u
     assert names(path.parent) == ["old.txt"]
 
 
-def test_a_sticky_folder_protects_files_of_others(of_another_user):
+def test_output_a_sticky_folder_protects_files_of_others(of_another_user):
     path, switch = of_another_user
     os.chown(path.parent, 0, 0)
     path.parent.chmod(0o1777)
@@ -465,7 +468,7 @@ def test_a_sticky_folder_protects_files_of_others(of_another_user):
     assert names(path.parent) == ["old.txt"]
 
 
-def test_a_folder_for_results(tmp_path):
+def test_output_a_folder_for_results(tmp_path):
     (tmp_path / "file").write_text(OLD)
     (tmp_path / "link").symlink_to("made")
     assert make_folder(tmp_path / "a" / "b", "out") == tmp_path / "a" / "b"
@@ -485,15 +488,15 @@ def process(code, *arguments, **options):
     )  # fmt: skip
 
 
-def test_a_current_directory_that_is_gone(tmp_path):
+def test_output_a_current_directory_that_is_gone(tmp_path):
     gone = tmp_path / "gone"
     gone.mkdir()
     code = (
         "import os, sys; from graspforce._util.atomic import *\n"
         "os.chdir(sys.argv[1]); os.rmdir(sys.argv[1])\n"
         "check_writable(sys.argv[2])\n"
-        "with replacing(sys.argv[2]) as path: path.write_text('new')\n"
-        "for act in (check_writable, lambda path: replacing(path).__enter__()):\n"
+        "with atomic_write(sys.argv[2]) as path: path.write_text('new')\n"
+        "for act in (check_writable, lambda path: atomic_write(path).__enter__()):\n"
         "    try: act('here.txt')\n"
         "    except (OSError, InvalidInputError) as error: print(error)\n"
     )
@@ -504,16 +507,16 @@ def test_a_current_directory_that_is_gone(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT"])
-def test_a_signal_ends_a_command_without_a_trace(tmp_path, name):
+def test_output_a_signal_ends_a_command_without_a_trace(tmp_path, name):
     (tmp_path / "old.txt").write_text(OLD)
     # A shell starts what runs in its background with SIGINT ignored; the tests may run there.
     usual = "default_int_handler" if name == "SIGINT" else "SIG_DFL"
     code = (
         "import signal, sys, time\n"
         f"signal.signal(signal.{name}, signal.{usual})\n"
-        "from graspforce._util.atomic import replacing\n"
+        "from graspforce._util.atomic import atomic_write\n"
         "from graspforce.cli.process import as_command\n"
-        "with as_command(), replacing(sys.argv[1]) as path:\n"
+        "with as_command(), atomic_write(sys.argv[1]) as path:\n"
         "    path.write_text('half of wh'); print('writing', flush=True); time.sleep(60)\n"
     )
     running = process(code, tmp_path / "old.txt")
@@ -526,7 +529,7 @@ def test_a_signal_ends_a_command_without_a_trace(tmp_path, name):
     assert (tmp_path / "old.txt").read_text() == OLD
 
 
-def test_a_signal_that_is_ignored_stays_so():
+def test_output_a_signal_that_is_ignored_stays_so():
     code = (
         "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
         "from graspforce.cli.process import as_command\n"
@@ -551,7 +554,9 @@ def short_log():
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_every_writer_writes_to_pipes_and_replaces_files_as_a_whole(tmp_path, name, monkeypatch):
+def test_output_every_writer_writes_to_pipes_and_replaces_files_as_a_whole(
+    tmp_path, name, monkeypatch
+):
     act = WRITERS[name]
     act(tmp_path / name)
     content = (tmp_path / name).read_bytes()
@@ -578,7 +583,7 @@ def test_every_writer_writes_to_pipes_and_replaces_files_as_a_whole(tmp_path, na
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv", ".npz"])
-def test_a_full_disk_leaves_the_old_file(tmp_path, ending):
+def test_output_a_full_disk_leaves_the_old_file(tmp_path, ending):
     """A limit on the size of files stands in for the disk."""
     path = tmp_path / f"out{ending}"
     path.write_text(OLD)

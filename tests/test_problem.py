@@ -10,7 +10,7 @@ import pytest
 from grasps import KINDS, plant
 
 import graspforce as gf
-from graspforce import _native
+from graspforce._engine import native
 
 FULL = {"ceilings": True, "floors": True, "inequalities": 2, "bias": True, "rates": True}
 ARRAYS = (
@@ -235,7 +235,7 @@ def test_packed_round_trip(full, bare):
 @pytest.mark.parametrize("kind", ["full", "bare"])
 def test_the_fields_are_those_of_the_core(request, kind):
     layout = request.getfixturevalue(kind).layout
-    assert _native.module.fields(layout) == [
+    assert native.module.fields(layout) == [
         (name, slot.start, *(*slot.shape, 1, 1)[:2]) for name, slot in layout.slots.items()
     ]
 
@@ -331,3 +331,53 @@ def test_removal_threshold(bare, engagement, there):
     problem = bare.replace(engagement=[1.0, engagement])
     assert problem.active.tolist() == [True, there]
     assert len(problem.linear_limits()[1]) == 1 + there
+
+
+# ---- without the contacts that are out ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("removed", [0, 1, 5])
+@pytest.mark.parametrize("kinds", [{}, FULL, {"inequalities": 2, "shared": True}], ids=str)
+def test_a_restricted_problem_is_the_whole_one_without_the_removed_contacts(rng, removed, kinds):
+    problem = plant(rng, KINDS * 2, removed=removed, **kinds).problem
+    inner, kept = problem.restricted(), problem.active_components
+    assert inner.models == tuple(np.delete(np.array(problem.models, dtype=object), removed))
+    assert np.array_equal(inner.W, problem.W[:, kept])
+    assert inner.active.all()
+    (A, b), (rows, bounds) = inner.linear_limits(), problem.linear_limits()
+    assert np.array_equal(A, rows[:, kept])
+    assert np.array_equal(b, bounds)
+    for got, wanted in zip(inner.violation_scales(), problem.violation_scales(), strict=True):
+        present = wanted if len(wanted) == len(bounds) else wanted[problem.active]
+        assert got == pytest.approx(present, rel=1e-13)
+    c = rng.normal(size=inner.m)
+    assert np.array_equal(problem.scatter(c)[kept], c)
+    assert not problem.scatter(c)[~kept].any()
+    z = rng.uniform(size=len(bounds))
+    assert np.array_equal(problem.scatter_multipliers(z)[problem.counted_limits()], z)
+    # What passes the constructor is the same problem: nothing was left unsaid.
+    assert gf.ForceProblem(**inner.arguments()) == inner
+    assert gf.solve(inner).c == pytest.approx(gf.solve(problem).c[kept], rel=1e-6)
+
+
+def test_a_restricted_problem_with_rate_limits(rng):
+    base = plant(rng, ["PCWF", "FPC", "SFC", "PCWF"], removed=1).problem
+    problem = base.replace(c_last=rng.normal(size=11), dc_max=rng.uniform(1, 2, 11))
+    inner, kept = problem.restricted(), problem.active_components
+    assert np.array_equal(inner.dc_max, problem.dc_max[kept])
+    for got, wanted in zip(inner.linear_limits(), problem.linear_limits(), strict=True):
+        assert np.array_equal(got, wanted[:, kept] if wanted.ndim == 2 else wanted)
+
+
+def test_a_problem_with_all_its_contacts_is_its_own_restriction(rng):
+    problem = plant(rng, KINDS).problem
+    assert problem.restricted() is problem
+
+
+def test_a_problem_that_every_contact_has_left(rng):
+    problem = plant(rng, ["PCWF"] * 3, ceilings=True, inequalities=1).problem.replace(engagement=0)
+    inner = problem.restricted()
+    assert (inner.n, inner.m) == (0, 0)
+    assert inner.W.shape == (6, 0)
+    assert inner.linear_limits()[0].shape == (len(problem.linear_limits()[1]), 0)
+    assert not problem.scatter(np.zeros(0)).any()

@@ -14,24 +14,26 @@ import pytest
 from conftest import as_ordinary_user
 
 import graspforce as gf
-from graspforce import figures, report
-from graspforce.compare import methods
-from graspforce.figures import style
-from graspforce.report import page, timing
+from graspforce import figures, scenarios
+from graspforce._util import plot
+from graspforce.study import compare, report
+from graspforce.study.compare import methods
+from graspforce.study.report import page
 
 report_compared = report.COMPARED
 COMPARED = ("dynamic",)  # the regrasp takes the slow methods too long for a test
+TICKS = 4
 PHYSICS = ("hold", "circle", "regrasp")
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Return the report's path and what the progress was told; one timing pass will do."""
+    """Return the report's path and what the progress was told; the methods run a few ticks."""
     told = []
+    whole = compare.task("dynamic")
+    few = compare.Task(whole.name, whole.problems[:TICKS], whole.t[:TICKS])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(timing, "PASSES", 1)
-        patch.setattr(methods, "SLOW", dict.fromkeys(methods.NAMES, 2))
-        patch.setattr(report, "COMPARED", COMPARED)
+        patch.setattr(report, "COMPARED", (few,))
         out = tmp_path_factory.mktemp("reproduce") / "not" / "there"
         path = report.reproduce(out, lambda *step: told.append(step))
     return path, told
@@ -74,7 +76,7 @@ def html_page(made):
     return Page(made[0].read_text(encoding="utf-8"))
 
 
-def test_every_file_is_there_and_nothing_else(made, results):
+def test_report_every_file_is_there_and_nothing_else(made, results):
     stems = [module.__name__.rpartition(".")[2] for module in figures.FIGURES]
     expected = {f"{stem}.{kind}" for stem in stems for kind in ("png", "svg")}
     expected |= {"grasp.png", "results.json", "report.html"}
@@ -89,7 +91,7 @@ def test_every_file_is_there_and_nothing_else(made, results):
         assert xml.etree.ElementTree.parse(path).getroot().tag.endswith("svg")
 
 
-def test_results_have_every_number(results):
+def test_report_results_have_every_number(results):
     assert list(results["figures"]) == [str(number) for number in range(4, 13)]
     for entry in results["figures"].values():
         assert entry["claims"]
@@ -106,7 +108,7 @@ def test_results_have_every_number(results):
             assert 0 < times["p50"] <= times["p99"]
 
 
-def test_the_page_has_a_row_for_every_method(made, results):
+def test_report_the_page_has_a_row_for_every_method(made, results):
     text = made[0].read_text(encoding="utf-8")
     rows = results["comparison"]["rows"]
     assert {row["method"] for row in rows} == set(methods.NAMES)
@@ -114,7 +116,7 @@ def test_the_page_has_a_row_for_every_method(made, results):
         assert text.count(f"<tr><td>{name}</td>") == len(COMPARED)
 
 
-def test_the_numbers_are_the_scenarios(results):
+def test_report_the_numbers_are_the_scenarios(results):
     sweep = gf.scenarios.sweep_alpha()
     arrays = results["figures"]["4"]["arrays"]
     np.testing.assert_array_equal(arrays["alpha"], sweep.alpha)
@@ -123,7 +125,7 @@ def test_the_numbers_are_the_scenarios(results):
     assert results["scenarios"]["regrasp"]["ticks_by_newton_steps"]["1"] == (steps == 1).sum()
 
 
-def test_the_scenes_hold_in_physics(results, html_page):
+def test_report_the_scenes_hold_in_physics(results, html_page):
     scenes = results["physics"]["scenes"]
     assert tuple(scenes) == PHYSICS
     for scene, millimetres in zip(scenes.values(), (0.1, 0.1, 0.3), strict=True):
@@ -136,9 +138,9 @@ def test_the_scenes_hold_in_physics(results, html_page):
     assert results["physics"]["no pictures"] in text
 
 
-def test_without_opengl_the_page_says_why_it_has_no_pictures(monkeypatch):
+def test_report_without_opengl_the_page_says_why_it_has_no_pictures(monkeypatch):
     from graspforce import sim
-    from graspforce.report import physics
+    from graspforce.study.report import physics
 
     def refuse(*_):
         raise sim.RenderError("no OpenGL here")
@@ -152,7 +154,7 @@ def test_without_opengl_the_page_says_why_it_has_no_pictures(monkeypatch):
     assert results["scenes"]["hold"]["ticks"] == 5
 
 
-def test_the_page_loads_nothing(html_page):
+def test_report_the_page_loads_nothing(html_page):
     assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in html_page.tags}
     for _, attributes in html_page.tags:
         for name in ("src", "srcset", "data", "poster"):
@@ -161,7 +163,7 @@ def test_the_page_loads_nothing(html_page):
     assert not re.search(r"url\(|@import", "".join(html_page.text))
 
 
-def test_the_page_is_well_formed_and_its_links_lead_somewhere(html_page):
+def test_report_the_page_is_well_formed_and_its_links_lead_somewhere(html_page):
     assert html_page.open == []
     ids = [attributes["id"] for _, attributes in html_page.tags if "id" in attributes]
     assert len(ids) == len(set(ids))
@@ -170,7 +172,7 @@ def test_the_page_is_well_formed_and_its_links_lead_somewhere(html_page):
             assert attributes["href"][1:] in ids
 
 
-def test_the_page_shows_every_figure_as_it_was_written(made, html_page):
+def test_report_the_page_shows_every_figure_as_it_was_written(made, html_page):
     images = [attributes for tag, attributes in html_page.tags if tag == "img"]
     assert all(image["alt"] for image in images)
     inlined = {base64.b64decode(image["src"].partition(",")[2]) for image in images}
@@ -180,7 +182,7 @@ def test_the_page_shows_every_figure_as_it_was_written(made, html_page):
     assert inlined == {file.read_bytes() for file in files}
 
 
-def test_the_page_sets_every_claim_beside_its_measurement(made, results):
+def test_report_the_page_sets_every_claim_beside_its_measurement(made, results):
     text = made[0].read_text(encoding="utf-8")
     claims = [claim for entry in results["figures"].values() for claim in entry["claims"]]
     claims += results["comparison"]["claims"]
@@ -194,7 +196,7 @@ def test_the_page_sets_every_claim_beside_its_measurement(made, results):
     assert results["machine"]["cpu"] in text
 
 
-def test_progress_goes_up_stage_by_stage(made):
+def test_report_progress_goes_up_stage_by_stage(made):
     stages = {}
     for stage, done, total in made[1]:
         assert stage not in stages or stage == list(stages)[-1]
@@ -206,28 +208,30 @@ def test_progress_goes_up_stage_by_stage(made):
 
 
 @pytest.mark.parametrize("where", ["taken", "taken/below"])
-def test_a_file_in_the_way_is_refused_before_any_work(tmp_path, monkeypatch, where):
+def test_report_a_file_in_the_way_is_refused_before_any_work(tmp_path, monkeypatch, where):
     (tmp_path / "taken").write_text("mine")
-    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    monkeypatch.setattr(scenarios, "run", lambda *_, **__: pytest.fail("worked before it looked"))
     with pytest.raises(gf.InvalidInputError, match=r"out: got .*taken.* expected a folder"):
         report.reproduce(tmp_path / where)
     assert (tmp_path / "taken").read_text() == "mine"
 
 
 @pytest.mark.parametrize("name", ["results.json", "report.html"])
-def test_a_folder_in_the_place_of_a_file_is_refused_before_any_work(tmp_path, monkeypatch, name):
+def test_report_a_folder_in_the_place_of_a_file_is_refused_before_any_work(
+    tmp_path, monkeypatch, name
+):
     (tmp_path / name).mkdir()
-    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    monkeypatch.setattr(scenarios, "run", lambda *_, **__: pytest.fail("worked before it looked"))
     with pytest.raises(gf.InvalidInputError, match=f"{name}: got a directory, expected a file"):
         report.reproduce(tmp_path)
 
 
-def test_a_read_only_folder_is_refused(sealed_folder, monkeypatch):
-    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+def test_report_a_read_only_folder_is_refused(sealed_folder, monkeypatch):
+    monkeypatch.setattr(scenarios, "run", lambda *_, **__: pytest.fail("worked before it looked"))
     refused = r"expected a folder to write into \(Permission"
-    style.new_figure()  # these import what a report is made with
+    plot.new_figure()  # these import what a report is made with
     page.template()
-    importlib.import_module("graspforce.report.physics")
+    importlib.import_module("graspforce.study.report.physics")
     with pytest.raises(gf.InvalidInputError, match=refused), as_ordinary_user():
         report.reproduce(sealed_folder)
 
@@ -235,19 +239,19 @@ def test_a_read_only_folder_is_refused(sealed_folder, monkeypatch):
 @pytest.mark.parametrize(
     ("module", "package"), [("matplotlib.figure", "matplotlib"), ("jinja2",) * 2]
 )
-def test_a_missing_extra_is_named_before_any_work(tmp_path, monkeypatch, module, package):
+def test_report_a_missing_extra_is_named_before_any_work(tmp_path, monkeypatch, module, package):
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setattr(report, "_run", lambda *_: pytest.fail("worked before it looked"))
+    monkeypatch.setattr(scenarios, "run", lambda *_, **__: pytest.fail("worked before it looked"))
     with pytest.raises(gf.MissingExtraError, match=rf"pip install .*'{package}>="):
         report.reproduce(tmp_path / "results")
     assert not (tmp_path / "results").exists()
 
 
-def test_the_paper_tasks_are_all_compared():
+def test_report_the_paper_tasks_are_all_compared():
     assert set(report_compared) == {"static", "dynamic", "regrasp"}
 
 
-def test_the_table_of_equations_names_what_there_is():
+def test_report_the_table_of_equations_names_what_there_is():
     numbers = set()
     for equations, _, where in page.EQUATIONS:
         numbers |= {int(number) for number in equations.split(",")}
@@ -255,11 +259,13 @@ def test_the_table_of_equations_names_what_there_is():
     assert numbers == set(range(1, 23)) - {4}  # (4) is the problem without its objective
 
 
-def test_typeset_sets_indices_and_escapes_the_rest():
+def test_report_typeset_sets_indices_and_escapes_the_rest():
     assert page.typeset("r_f < 2 N") == "<i>r</i><sub>f</sub> &lt; 2&nbsp;N"
     assert page.typeset("w_1 = 1e-09") == "<i>w</i><sub>1</sub>&nbsp;=&nbsp;10<sup>−9</sup>"
 
 
-def test_numbers_that_json_lacks_become_null():
-    text = report._json(report._plain({"a": np.array([1.0, np.inf, np.nan]), "b": np.int64(3)}))
+def test_report_numbers_that_json_lacks_become_null():
+    text = report.json_text(
+        report.json_types({"a": np.array([1.0, np.inf, np.nan]), "b": np.int64(3)})
+    )
     assert json.loads(text) == {"a": [1.0, None, None], "b": 3}

@@ -37,7 +37,7 @@ def sweep() -> scenarios.AlphaSweep:
 # ---- the data ----------------------------------------------------------------------------------
 
 
-def test_ticks_at_250_hz_for_two_seconds():
+def test_scenario_ticks_at_250_hz_for_two_seconds():
     times = scenarios.dynamic().times
     assert len(times) == 500
     np.testing.assert_allclose(times, np.arange(500) / 250, rtol=0, atol=1e-15)
@@ -99,7 +99,7 @@ def test_the_wrench_holds_the_cube_up_turns_it_and_carries_it_round():
     assert at_rest == scenarios.static().problem(0.0)
 
 
-def test_only_regrasp_has_ceilings_and_its_engagement_is_the_papers():
+def test_scenario_only_regrasp_has_ceilings_and_its_engagement_is_the_papers():
     assert not scenarios.dynamic().problem(0.0).layout.ceilings
     scenario = scenarios.regrasp(30.0)
     for t, w in [(0, 1), (0.25, 1), (0.375, 0.5), (0.5, 0), (1.0, 0), (1.5, 0), (1.625, 0.5)]:
@@ -159,7 +159,7 @@ def test_scenarios_are_values():
         ),
     ],
 )  # fmt: skip
-def test_bad_input_names_the_argument(call, text):
+def test_scenario_bad_input_names_the_argument(call, text):
     with pytest.raises(gf.InvalidInputError, match=text):
         call()
 
@@ -167,7 +167,7 @@ def test_bad_input_names_the_argument(call, text):
 # ---- Section IV-A: static ----------------------------------------------------------------------
 
 
-def test_a_larger_alpha_grips_more_lightly():
+def test_scenario_a_larger_alpha_grips_more_lightly():
     result = sweep()
     assert (result.status == gf.Status.SOLVED).all()
     assert result.alpha[0] == pytest.approx(0.01)
@@ -178,7 +178,7 @@ def test_a_larger_alpha_grips_more_lightly():
     np.testing.assert_allclose(result.torque_residual, 0.5 - result.max_torque, atol=1e-15)
 
 
-def test_static_numbers_of_the_paper():
+def test_scenario_static_numbers_of_the_paper():
     result = sweep()
     firm, light = result.normal_forces[0], result.normal_forces[-1]
     assert 5 < firm.min() < firm.max() < 10.5
@@ -187,7 +187,7 @@ def test_static_numbers_of_the_paper():
     assert result.max_torque[-1] == pytest.approx(0.11, abs=5e-3)
 
 
-def test_sweep_takes_what_it_is_given_and_refuses_nonsense():
+def test_scenario_sweep_takes_what_it_is_given_and_refuses_nonsense():
     one = scenarios.sweep_alpha([5.0], scenarios.static(hand=PaperHand("radial")))
     expected = gf.solve(scenarios.static(hand=PaperHand("radial")).problem(0))
     np.testing.assert_allclose(one.c, [expected.c], rtol=1e-12)
@@ -200,7 +200,7 @@ def test_sweep_takes_what_it_is_given_and_refuses_nonsense():
 # ---- Section IV-B.1: dynamic -------------------------------------------------------------------
 
 
-def test_dynamic_numbers_of_the_paper():
+def test_scenario_dynamic_numbers_of_the_paper():
     log = dynamic()
     assert (log.status == gf.Status.SOLVED).all()
     assert 0.18 < log.max_torque.min() < log.max_torque.max() < 0.26
@@ -208,7 +208,7 @@ def test_dynamic_numbers_of_the_paper():
     assert 1.8 < log.normal_forces.min() < log.normal_forces.max() < 4.5
 
 
-def test_dynamic_takes_one_newton_step_a_tick():
+def test_scenario_dynamic_takes_one_newton_step_a_tick():
     log = dynamic()
     assert (log.newton_steps == 1).sum() >= 495
     assert log.newton_steps[2:].max() <= 2
@@ -226,7 +226,7 @@ def test_either_reading_of_the_hand_carries_the_cube_within_its_limits(axis, elb
     assert log.friction_residual.min() > 0.5
 
 
-def test_ticks_agree_with_cold_solves_and_verify():
+def test_scenario_ticks_agree_with_cold_solves_and_verify():
     log, scenario = dynamic(), scenarios.dynamic()
     for k in (0, 1, 2, 137, 499):
         cold = gf.solve(scenario.problem(log.t[k]), gf.Settings(tol=1e-14))
@@ -243,7 +243,7 @@ ceilings = pytest.mark.parametrize("c_max", [10.0, 20.0, 100.0])
 
 
 @ceilings
-def test_regrasp_fingers_2_and_4_rise_and_3_falls(c_max):
+def test_scenario_regrasp_fingers_2_and_4_rise_and_3_falls(c_max):
     log, away = regrasp(c_max), slice(LEAVES, BACK)
     assert (log.status == gf.Status.SOLVED).all()
     np.testing.assert_array_equal(log.normal_forces[away, 0], 0)
@@ -267,7 +267,7 @@ def test_regrasp_fingers_2_and_4_rise_and_3_falls(c_max):
 
 
 @ceilings
-def test_regrasp_takes_few_newton_steps(c_max):
+def test_scenario_regrasp_takes_few_newton_steps(c_max):
     log = regrasp(c_max)
     assert (log.newton_steps == 1).sum() >= 470
     assert log.newton_steps.max() <= 6
@@ -276,14 +276,14 @@ def test_regrasp_takes_few_newton_steps(c_max):
 @pytest.mark.parametrize(
     ("c_max", "shape"), [(10.0, "linear"), (20.0, "linear"), (100.0, "linear"), (20.0, "smooth")]
 )
-def test_regrasp_forces_do_not_jump_when_the_finger_leaves_and_returns(c_max, shape):
+def test_scenario_regrasp_forces_do_not_jump_when_the_finger_leaves_and_returns(c_max, shape):
     jumps = np.abs(np.diff(regrasp(c_max, shape).c, axis=0)).max(axis=1)
     for tick in (LEAVES, BACK):
         jump = jumps[tick - 1]
         assert jump <= 5 * max(jumps[tick - 2], jumps[tick])
 
 
-def test_regrasp_forces_are_continuous_in_time():
+def test_scenario_regrasp_forces_are_continuous_in_time():
     """Ever closer to the finger's leaving, the forces tend to those without it."""
     scenario = scenarios.regrasp()
     without = gf.solve(scenario.problem(0.5)).c
@@ -299,13 +299,13 @@ def test_regrasp_forces_are_continuous_in_time():
 # ---- the log -----------------------------------------------------------------------------------
 
 
-def test_progress_hears_of_every_tick():
+def test_scenario_progress_hears_of_every_tick():
     heard: list[int] = []
     scenarios.run(scenarios.dynamic(duration=0.02), progress=heard.append)
     assert heard == [0, 1, 2, 3, 4]
 
 
-def test_log_arrays_fit_the_problems():
+def test_scenario_log_arrays_fit_the_problems():
     scenario = scenarios.regrasp(duration=0.04)
     log = scenarios.run(scenario)
     T = 10
@@ -324,7 +324,7 @@ def test_log_arrays_fit_the_problems():
     assert pickle.loads(pickle.dumps(log)).scenario == scenario
 
 
-def test_csv_round_trip(tmp_path):
+def test_scenario_csv_round_trip(tmp_path):
     soft = dataclasses.replace(
         scenarios.dynamic(duration=0.012),
         contacts=scenarios.dynamic().cube.side_contacts(gf.SFC(0.5, 0.01)),
@@ -347,7 +347,7 @@ def test_csv_round_trip(tmp_path):
     assert len(rows[0]) == 1 + 6 + 4 + 16 + 12 + 6
 
 
-def test_an_infeasible_tick_is_logged_not_raised(tmp_path):
+def test_scenario_an_infeasible_tick_is_logged_not_raised(tmp_path):
     log = scenarios.run(scenarios.dynamic(mu=0.05, duration=0.008))
     assert (log.status == gf.Status.INFEASIBLE).all()
     assert repr(log) == "Log(dynamic: 2 ticks, 0 solved)"

@@ -13,7 +13,7 @@ import pytest
 from test_servo import DT, Stream
 
 import graspforce as gf
-from graspforce import _engine
+from graspforce._engine import dispatch
 
 
 def test_steps_ticks_solves_and_refusals_leak_nothing():
@@ -59,7 +59,7 @@ def test_the_interpreter_is_free_while_the_core_works(monkeypatch):
     problem = gf.ForceProblem(
         gf.grasp_map(contacts), [0, 0, 1, 0, 0, 0], gf.PCWF(0.6), J, -9.0, 9.0, c_max=5.0
     )
-    native_solve, in_core, seen = _engine._native_solve, threading.Event(), threading.Event()
+    native_solve, in_core, seen = dispatch._solve, threading.Event(), threading.Event()
 
     def watched(*arguments):
         in_core.set()
@@ -74,7 +74,7 @@ def test_the_interpreter_is_free_while_the_core_works(monkeypatch):
                 break
             gf.solve(problem)
 
-    monkeypatch.setattr(_engine, "_native_solve", watched)
+    monkeypatch.setattr(dispatch, "_solve", watched)
     thread = threading.Thread(target=work)
     interval = sys.getswitchinterval()
     try:

@@ -19,7 +19,7 @@ from graspforce import cli, sim
 from graspforce._util import atomic
 from graspforce.cli import simulate as simulate_command
 from graspforce.cli import terminal
-from graspforce.sim import motions, render
+from graspforce.sim import render
 from graspforce.sim.controller import rotation_vector, swing_point
 from graspforce.sim.scenes.bulb import bulb
 
@@ -81,7 +81,7 @@ def test_an_ending_in_capitals_is_the_same_format(short, tmp_path):
 @pytest.mark.parametrize("ending", [".npz", ".parquet", ".csv"])
 def test_a_log_goes_into_a_pipe(short, tmp_path, ending, monkeypatch):
     pytest.importorskip("pyarrow")
-    monkeypatch.setattr(atomic, "_PATIENCE", 600)  # for cat to be started
+    monkeypatch.setattr(atomic, "READER_TIMEOUT", 600)  # for cat to be started
     _, log = short
     fifo = tmp_path / f"fifo{ending}"
     os.mkfifo(fifo)
@@ -366,7 +366,9 @@ def test_a_narrow_terminal_loses_no_heading(short, capsys, monkeypatch):
     monkeypatch.setattr(terminal, "stdout_console", lambda: console)
     long = dataclasses.replace(trial, name="cylinder, little finger down")
     slid = dataclasses.replace(log, slip=np.full_like(log.slip, 2e-3))
-    simulate_command._report_trials([(long, slid)])
+    monkeypatch.setattr(sim, "get", lambda *_, **__: (long,))
+    monkeypatch.setattr(sim, "run", lambda *_: slid)
+    simulate_command.simulate("hold")
     printed = capsys.readouterr().out
     assert "…" not in printed
     for words in ("position", "rotation", "regrasps", "held, but slipped", "2.000"):
@@ -401,37 +403,6 @@ def test_simulate_says_in_one_line_what_is_wrong(arguments, message):
 # ---- the parts ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "motion",
-    [
-        motions.Move(np.array([0.1, 0.0, 0.2]), np.array([0.0, 0.03, -0.01]), 0.1, 0.7),
-        motions.Sway(np.zeros(3), np.array([0.05, 0.02, -0.04]), 0.15, 0.2, 1.5),
-        motions.Screw(np.zeros(3), 2.0, 1.5, 0.3, 0.0036),
-    ],
-    ids=lambda motion: type(motion).__name__,
-)
-def test_the_derivatives_of_motions(motion):
-    h = 1e-5
-    for t in np.linspace(0.0513, 2.0, 40):
-        before, state, after = motion.at(t - h), motion.at(t), motion.at(t + h)
-        for rate, name in (("velocity", "position"), ("acceleration", "velocity")):
-            slope = (getattr(after, name) - getattr(before, name)) / (2 * h)
-            np.testing.assert_allclose(getattr(state, rate), slope, atol=2e-4)
-        assert state.yaw_rate == pytest.approx((after.yaw - before.yaw) / (2 * h), abs=1e-6)
-        slope = (after.yaw_rate - before.yaw_rate) / (2 * h)
-        assert state.yaw_acceleration == pytest.approx(slope, abs=2e-3)
-
-
-def test_motions_arrive():
-    move = motions.Move(np.zeros(3), np.array([0.01, 0.0, 0.0]), 0.3, 0.7)
-    np.testing.assert_array_equal(move.at(0.2).position, 0)
-    np.testing.assert_allclose(move.at(1.1).position, [0.01, 0, 0])
-    screw = motions.Screw(np.zeros(3), 7.0, 0.5, 0.4, 0.0036)
-    assert screw.at(screw.duration).yaw == pytest.approx(7.0)
-    assert screw.at(screw.duration + 1).yaw_rate == 0
-    assert screw.at(99.0).position[2] == pytest.approx(0.0036 * 7.0 / (2 * np.pi))
-
-
 def test_a_step_starts_and_ends_on_the_surface_and_rises_between():
     step = bulb().steps[5]
     radius = 0.004
@@ -452,12 +423,27 @@ def test_rotation_vector_is_axis_times_angle():
         np.testing.assert_allclose(rotation_vector(R), vector, atol=1e-9)
 
 
-def test_settings_of_the_command_are_numbers_where_they_can_be():
-    assert simulate_command._setting("alpha=5") == ("alpha", 5)
-    assert simulate_command._setting("alpha=.5") == ("alpha", 0.5)
-    assert simulate_command._setting("feed_forward=false") == ("feed_forward", False)
-    assert simulate_command._setting("shape=box") == ("shape", "box")
-    assert simulate_command._setting("a=b=c") == ("a", "b=c")
+@pytest.mark.parametrize(
+    ("given", "name", "value"),
+    [
+        ("alpha=5", "alpha", 5),
+        ("alpha=.5", "alpha", 0.5),
+        ("feed_forward=false", "feed_forward", False),
+        ("shape=box", "shape", "box"),
+        ("a=b=c", "a", "b=c"),
+    ],
+)
+def test_simulate_takes_settings_as_numbers_where_they_can_be(monkeypatch, given, name, value):
+    taken = {}
+
+    def get(_, **options):
+        taken.update(options)
+        raise gf.InvalidInputError("no scene")
+
+    monkeypatch.setattr(sim, "get", get)
+    assert simulate("hold", "--set", given).exit_code == 2
+    assert taken == {name: value}
+    assert type(taken[name]) is type(value)
 
 
 def test_the_snippet_of_the_docs_runs(tmp_path, monkeypatch, capsys, opengl):

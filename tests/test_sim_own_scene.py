@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import graspforce as gf
-from graspforce import sim
-from graspforce.sim import motions, render
+from graspforce import sim, trajectory
+from graspforce.sim import render
 from graspforce.sim.reach import reach
 
 mujoco = pytest.importorskip("mujoco")
@@ -54,7 +54,7 @@ def can_in_three_fingers(motor=MOTOR, option=""):
     return sim.Trial(
         name="can", summary="a can goes up by 1 cm", model=model,
         start=reach(model, start, fingers, tips), fingers=fingers, grips=grips, body="can",
-        motion=motions.Move(CENTRE, np.array([0.0, 0.0, 0.01]), 0.1, 0.4), mu=0.8, duration=0.6,
+        motion=trajectory.Move(CENTRE, np.array([0.0, 0.0, 0.01]), 0.1, 0.4), mu=0.8, duration=0.6,
     )  # fmt: skip
 
 

@@ -18,9 +18,10 @@ import pytest
 from typer.testing import CliRunner
 
 import graspforce as gf
-from graspforce import cli, compare, errors, files
+from graspforce import cli, errors, files
 from graspforce.cli import terminal
-from graspforce.compare import output
+from graspforce.study import compare
+from graspforce.study.compare import output
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -86,14 +87,14 @@ def steers(shown):
     return any(each in text.replace("\r\n", "\n") for each in (*STEERING, "\x1b", "\x07"))
 
 
-def test_printable():
+def test_terminal_printable():
     assert terminal.printable("".join(STEERING)) == "�]0;OWNED��[2J�31m������"
     assert terminal.printable("a\nb\tc\ud800\udce4") == "a�b�c��"
     for fine in ("λάμδα, 3 N·m", "手 🤏", "5\u00a0N", "full\u3000width", "Ä", "ä"):
         assert terminal.printable(fine) == fine
 
 
-def test_the_check_itself_sees_what_steers():
+def test_terminal_the_check_itself_sees_what_steers():
     for each in STEERING:
         assert steers(f"a {each} b\r\n".encode())
     assert not steers(b"\x1b[1mbold\x1b[0m\r\n")
@@ -143,7 +144,7 @@ def test_nothing_from_a_file_steers_the_terminal(tmp_path):
         assert not steers(shown)
 
 
-def test_a_path_with_a_newline_is_printed_on_one_line(tmp_path):
+def test_terminal_a_path_with_a_newline_is_printed_on_one_line(tmp_path):
     out = tmp_path / "a\nb.json"
     done = run("solve", SEVERAL, "--out", out)
     assert f"Everything about them is in {tmp_path}/a�b.json\n" in done.stdout
@@ -154,7 +155,7 @@ def test_a_path_with_a_newline_is_printed_on_one_line(tmp_path):
     assert (done.returncode, done.stderr) == (2, expected)
 
 
-def test_exceptions_hold_what_the_file_holds(tmp_path):
+def test_terminal_exceptions_hold_what_the_file_holds(tmp_path):
     (tmp_path / "n.json").write_text(json.dumps({CLEAR: float("nan")}), encoding="utf-8")
     with pytest.raises(gf.InvalidInputError) as caught:
         files.read(tmp_path / "n.json")
@@ -168,7 +169,7 @@ LONE = "a\ud800b\udce4"
 
 @pytest.mark.parametrize("source", ["json", "npz", "path"])
 @pytest.mark.parametrize("ending", ["json", "csv", "npz"])
-def test_a_lone_surrogate_costs_no_results(tmp_path, source, ending):
+def test_terminal_a_lone_surrogate_costs_no_results(tmp_path, source, ending):
     path, name = tmp_path / f"grasps.{source}", LONE
     if source == "json":
         path.write_text(json.dumps({**SMALL, "name": LONE}))
@@ -192,7 +193,7 @@ def test_a_lone_surrogate_costs_no_results(tmp_path, source, ending):
         assert f"\n{escaped},SOLVED," in out.read_text(encoding="utf-8")
 
 
-def test_a_comparison_takes_every_file_name(tmp_path):
+def test_terminal_a_comparison_takes_every_file_name(tmp_path):
     path = tmp_path / os.fsdecode(b"\xe4" + b"n" * 240 + b"[bold].json")
     path.write_text(json.dumps({**SMALL, "name": LONE}))
     assert in_terminal("solve", path)[0] == 0
@@ -224,7 +225,7 @@ KEEPING = {
         pytest.param("scenario", ">/dev/full", "No space left on device", marks=FULL),
     ],
 )
-def test_output_that_nobody_gets_costs_no_file(tmp_path, command, redirect, reason):
+def test_terminal_output_that_nobody_gets_costs_no_file(tmp_path, command, redirect, reason):
     if command == "simulate":
         pytest.importorskip("mujoco")
     arguments, name = KEEPING[command]
@@ -245,14 +246,14 @@ def test_output_that_nobody_gets_costs_no_file(tmp_path, command, redirect, reas
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["solve", "--help"], ["--version"]])
-def test_help_that_nobody_gets_is_an_error(arguments):
+def test_terminal_help_that_nobody_gets_is_an_error(arguments):
     done = run(*arguments, redirect=">&-")
     assert done.returncode == 2
     assert re.fullmatch(r"graspforce: (.*: )?Bad file descriptor\n", done.stderr)
 
 
 @FULL
-def test_when_all_fails_the_file_is_told_of(tmp_path):
+def test_terminal_when_all_fails_the_file_is_told_of(tmp_path):
     (tmp_path / "out.json").symlink_to("/dev/full")
     done = run("solve", SEVERAL, "--out", tmp_path / "out.json", redirect=">/dev/full")
     said = f"graspforce: {tmp_path}/out.json: cannot write it: No space left on device\n"
@@ -261,7 +262,7 @@ def test_when_all_fails_the_file_is_told_of(tmp_path):
     assert (done.returncode, done.stdout) == (2, "")
 
 
-def test_a_reader_that_goes_away_costs_no_file(tmp_path):
+def test_terminal_a_reader_that_goes_away_costs_no_file(tmp_path):
     out = tmp_path / "out.json"
     reader, writer = os.pipe()
     os.close(reader)
@@ -274,13 +275,13 @@ def test_a_reader_that_goes_away_costs_no_file(tmp_path):
     assert len(json.loads(out.read_text(encoding="utf-8"))["results"]) == 5
 
 
-def test_what_is_printed_by_others_stays_out_of_a_file(tmp_path):
+def test_terminal_what_is_printed_by_others_stays_out_of_a_file(tmp_path):
     """The file that is opened first must not get the number of the closed standard output."""
     code = (
         "import os, sys\n"
-        "from graspforce._util.atomic import replacing\n"
+        "from graspforce._util.atomic import atomic_write\n"
         "from graspforce.cli.process import as_command\n"
-        "with as_command(), replacing('out.txt') as path, path.open('w') as file:\n"
+        "with as_command(), atomic_write('out.txt') as path, path.open('w') as file:\n"
         "    file.write('mine')\n"
         "    for fd in (1, 2):\n"
         "        try: os.write(fd, b'printed')\n"
@@ -292,7 +293,7 @@ def test_what_is_printed_by_others_stays_out_of_a_file(tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="no /dev/stdout")
-def test_results_to_standard_output(tmp_path):
+def test_terminal_results_to_standard_output(tmp_path):
     (tmp_path / "out.json").symlink_to("/dev/stdout")
     log = tmp_path / "log.txt"
     log.write_text("before\n")
@@ -320,7 +321,9 @@ def test_results_to_standard_output(tmp_path):
     ],
 )
 @pytest.mark.parametrize("kind", ["folder", "loop", "nowhere", "full"])
-def test_a_bad_place_is_refused_before_the_work(tmp_path, monkeypatch, arguments, name, kind):
+def test_terminal_a_bad_place_is_refused_before_the_work(
+    tmp_path, monkeypatch, arguments, name, kind
+):
     path = tmp_path / name
     what = {
         "folder": "got a directory, expected a file to write",
@@ -344,14 +347,14 @@ def test_a_bad_place_is_refused_before_the_work(tmp_path, monkeypatch, arguments
         pytest.importorskip("mujoco")
         monkeypatch.setattr("graspforce.sim.run", lambda *_: pytest.fail("worked first"))
     monkeypatch.setattr("graspforce.scenarios.run", lambda *_: pytest.fail("worked first"))
-    monkeypatch.setattr("graspforce.bench.measure", lambda *_: pytest.fail("worked first"))
+    monkeypatch.setattr("graspforce.study.bench.measure", lambda *_: pytest.fail("worked first"))
     monkeypatch.setattr("graspforce.files.read", lambda *_: pytest.fail("worked first"))
     done = CliRunner().invoke(cli.app, [*map(str, arguments), str(path)])
     assert done.exit_code == 2
     assert done.stderr == f"graspforce: {path}: {what}\n"
 
 
-def test_a_default_name_is_not_replaced_behind_a_link(tmp_path, monkeypatch):
+def test_terminal_a_default_name_is_not_replaced_behind_a_link(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("static.csv").symlink_to("other.csv")
     done = CliRunner().invoke(cli.app, ["scenario", "static"])
@@ -367,7 +370,7 @@ def tokens(text):
 
 
 @pytest.mark.parametrize("columns", [40, 80, 100])
-def test_a_comparison_splits_no_number(tmp_path, columns):
+def test_terminal_a_comparison_splits_no_number(tmp_path, columns):
     pytest.importorskip("clarabel")
     code, shown = in_terminal(
         "compare", "static", "--method", "wbf", "--method", "minimum_norm", "--method", "socp_norm",
@@ -391,7 +394,7 @@ def test_a_comparison_splits_no_number(tmp_path, columns):
         assert expected <= tokens(text)
 
 
-def test_a_comparison_is_one_table_where_there_is_room():
+def test_terminal_a_comparison_is_one_table_where_there_is_room():
     task = compare.task("static")
     found = compare.compare(["static"], ["wbf", "minimum_norm"])
     for width, tables in ((200, 1), (80, 2), (45, 4)):
@@ -406,7 +409,7 @@ def test_a_comparison_is_one_table_where_there_is_room():
 
 
 @pytest.mark.parametrize("columns", [60, 80])
-def test_a_long_name_splits_no_number(tmp_path, columns):
+def test_terminal_a_long_name_splits_no_number(tmp_path, columns):
     document = json.loads(SEVERAL.read_text(encoding="utf-8"))
     for grasp in document["grasps"]:
         grasp["name"] = "n" * 200
@@ -446,7 +449,7 @@ REQUIRES = [
         (None, (), "package"),
     ],
 )  # fmt: skip
-def test_the_hint_lists_what_pip_can_find(monkeypatch, extra, installed, line):
+def test_terminal_the_hint_lists_what_pip_can_find(monkeypatch, extra, installed, line):
     """Not graspforce[extra], which is on no index; and only what is missing."""
 
     def version(name):
@@ -460,7 +463,7 @@ def test_the_hint_lists_what_pip_can_find(monkeypatch, extra, installed, line):
     assert text == f"this needs package, which is not installed: pip install {line}"
 
 
-def test_the_hint_where_graspforce_itself_is_not_installed(monkeypatch):
+def test_terminal_the_hint_where_graspforce_itself_is_not_installed(monkeypatch):
 
     def missing(name):
         raise metadata.PackageNotFoundError(name)
@@ -469,7 +472,7 @@ def test_the_hint_where_graspforce_itself_is_not_installed(monkeypatch):
     assert str(gf.MissingExtraError("this", "package", "sim")).endswith(": pip install package")
 
 
-def test_every_extra_that_is_named_has_packages():
+def test_terminal_every_extra_that_is_named_has_packages():
     source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
     named = set(re.findall(r'MissingExtraError\([^)]*, "(\w+)"\)', source))
     assert named >= {"figures", "baselines", "sim", "pinocchio"}
@@ -477,7 +480,7 @@ def test_every_extra_that_is_named_has_packages():
         assert errors._packages(extra)
 
 
-def test_a_slip_in_a_file_is_one_line_of_warning(tmp_path):
+def test_terminal_a_slip_in_a_file_is_one_line_of_warning(tmp_path):
     """Points in millimetres: the grasp is solved as given, and the reason is said once."""
     contacts = [
         {"point": [40 * s, 0, 0], "normal": [-s, 0, 0], "model": "PCWF", "mu": 0.5} for s in (-1, 1)

@@ -13,6 +13,7 @@ from scipy import sparse
 
 import graspforce as gf
 from graspforce import hands, regrasp, scenarios, trajectory
+from graspforce.scenarios import random
 
 
 class Convertible:
@@ -152,6 +153,14 @@ CALLS = {
         "centre": (0, 0, 0), "radius": 1, "period": 1, "yaw_amplitude": 1, "yaw_frequency": 1,
     },
     trajectory.Circle((0, 0, 0), 1.0, 1.0).at: {"t": 0.1},
+    trajectory.Move: {"start": (0, 0, 0), "way": (0, 0, 1), "begin": 0.1, "duration": 1.0},
+    trajectory.Move((0, 0, 0), (0, 0, 1), 0.1, 1.0).at: {"t": 0.1},
+    trajectory.Sway: {
+        "start": (0, 0, 0), "way": (0, 0, 1), "yaw": 0.1, "begin": 0.1, "period": 1.0,
+    },
+    trajectory.Sway((0, 0, 0), (0, 0, 1), 0.1, 0.1, 1.0).at: {"t": 0.1},
+    trajectory.Screw: {"start": (0, 0, 0), "angle": 1.0, "rate": 1.0, "ramp": 0.1, "pitch": 0.01},
+    trajectory.Screw((0, 0, 0), 1.0, 1.0, 0.1, 0.01).at: {"t": 0.1},
     trajectory.wrench: {
         "mass": 1, "inertia": np.eye(3), "acceleration": (0, 0, 0), "angular_velocity": (0, 0, 0),
         "angular_acceleration": (0, 0, 0), "gravity": 9.81,
@@ -168,6 +177,9 @@ CALLS = {
         "contacts": SCENARIO.contacts, "motion": SCENARIO.motion, "alpha": 5.0, "c_max": 20.0,
         "schedule": None, "rate": 250.0, "duration": 2.0,
     },
+    random.grasps: {"count": 1, "seed": 1},
+    random.stream: {"contacts": 4, "ticks": 2},
+    random.geometry: {"rng": np.random.default_rng(1), "hard": False},
     scenarios.run: {"scenario": SCENARIO, "settings": None},
     scenarios.sweep_alpha: {"alphas": [1.0], "scenario": SCENARIO, "settings": None},
 }  # fmt: skip

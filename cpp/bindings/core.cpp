@@ -1,5 +1,6 @@
 // The compiled module graspforce._core: translation between Python and the core, nothing else.
 // It is built once for each instruction set, under the name GRASPFORCE_MODULE.
+#include "kkt.hpp"
 #include "servo.hpp"
 #include "solve.hpp"
 #include "timing.hpp"
@@ -14,6 +15,7 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
   using graspforce::proof;
   using Servo = graspforce::PythonServo;
   module.doc() = "The compiled core of graspforce; see graspforce._engine.";
+  graspforce::offer_solution_base(module);
 
   module.def("instruction_sets", &graspforce::instruction_sets,
              "Which of the modules besides _core this processor runs, the best last.");
@@ -21,6 +23,12 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
   module.def("solve", &graspforce::solve, "solution"_a, "problem"_a, "layout"_a, "packed"_a,
              "start"_a.none(), "tol"_a, "max_steps"_a, "budget_us"_a,
              "Solves a ForceProblem; what comes back is a `solution`.");
+
+  module.def("kkt_solve", &graspforce::kkt_solve, "layout"_a, "packed"_a, "c"_a, "rhs"_a,
+             "Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), "
+             "with the Hessian H of Phi at forces c, shape (m,), strictly inside every limit. "
+             "Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get "
+             "nu = 0.");
 
   module.def(
       "fields",

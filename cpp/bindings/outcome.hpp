@@ -56,18 +56,4 @@ inline auto proof(const double* (Outcome::*data)() const, std::size_t Outcome::*
   };
 }
 
-// A graspforce.Solution of an outcome and its problem (or layout), without the call of its
-// __init__: that takes longer than a Newton step.
-inline nb::object make_solution(nb::handle solution, const nb::object& outcome,
-                                nb::handle problem) {
-  static PyObject* const outcome_name = PyUnicode_InternFromString("_outcome");
-  static PyObject* const problem_name = PyUnicode_InternFromString("_problem");
-  auto* type = reinterpret_cast<PyTypeObject*>(solution.ptr());
-  nb::object made = nb::steal(type->tp_alloc(type, 0));
-  if (!made.is_valid() || PyObject_GenericSetAttr(made.ptr(), outcome_name, outcome.ptr()) != 0 ||
-      PyObject_GenericSetAttr(made.ptr(), problem_name, problem.ptr()) != 0)
-    nb::raise_python_error();
-  return made;
-}
-
 }  // namespace graspforce

@@ -8,6 +8,7 @@
 
 #include "graspforce/servo.hpp"
 #include "outcome.hpp"
+#include "solution.hpp"
 
 namespace graspforce {
 
@@ -68,8 +69,7 @@ class PythonServo : public Servo {
     }
     if (refuses()) return nb::none();
     for (std::size_t i = 0; i < staged_fields; ++i)
-      std::copy_n(staged() + changed_[i]->offset, changed_[i]->size(),
-                  packed() + changed_[i]->offset);
+      restore(changed_[i]->offset, changed_[i]->size());
     return make_solution(solution_, nb::cast(outcome(solve())), shape_);
   }
 

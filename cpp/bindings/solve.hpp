@@ -3,49 +3,28 @@
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
-#include <vector>
 
+#include "graspforce/workspace.hpp"
 #include "outcome.hpp"
+#include "solution.hpp"
 
 namespace graspforce {
 
-// The engines that a thread keeps for its cold solves, the last used first: set-up allocates.
-class EngineCache {
- public:
-  // `layout` is a graspforce.problem.Layout.
-  Engine& find(nb::handle layout) {
-    auto found = std::find_if(engines_.begin(), engines_.end(),
-                              [&](auto& engine) { return describes(layout, engine->layout()); });
-    if (found == engines_.end()) {
-      if (engines_.size() == kMost) engines_.pop_back();
-      engines_.push_back(std::make_unique<Engine>(make_layout(layout)));
-      found = engines_.end() - 1;
-    }
-    std::rotate(engines_.begin(), found, found + 1);
-    return *engines_.front();
-  }
-
- private:
-  static constexpr std::size_t kMost = 16;
-
-  static bool describes(nb::handle tuple, const Layout& layout) {
-    const auto number = [](PyObject* items, int i) {
-      return PyLong_AsLong(PyTuple_GET_ITEM(items, i));
-    };
-    PyObject *items = tuple.ptr(), *dims = PyTuple_GET_ITEM(items, 1);
-    if (number(items, 0) != layout.wrench_rows || PyTuple_GET_SIZE(dims) != layout.contacts() ||
-        number(items, 2) != layout.joints || number(items, 3) != layout.inequalities ||
-        number(items, 4) != layout.ceilings || number(items, 5) != layout.floors ||
-        number(items, 6) != layout.rate_limits || number(items, 7) != layout.soft_wrench)
-      return false;
-    for (int i = 0; i < layout.contacts(); ++i)
-      if (number(dims, i) != static_cast<int>(layout.models[i])) return false;
-    return true;
-  }
-
-  std::vector<std::unique_ptr<Engine>> engines_;
-};
+// Whether a graspforce.layout.Layout, a tuple, describes a layout.
+inline bool describes(nb::handle tuple, const Layout& layout) {
+  const auto number = [](PyObject* items, int i) {
+    return PyLong_AsLong(PyTuple_GET_ITEM(items, i));
+  };
+  PyObject *items = tuple.ptr(), *dims = PyTuple_GET_ITEM(items, 1);
+  if (number(items, 0) != layout.wrench_rows || PyTuple_GET_SIZE(dims) != layout.contacts() ||
+      number(items, 2) != layout.joints || number(items, 3) != layout.inequalities ||
+      number(items, 4) != layout.ceilings || number(items, 5) != layout.floors ||
+      number(items, 6) != layout.rate_limits || number(items, 7) != layout.soft_wrench)
+    return false;
+  for (int i = 0; i < layout.contacts(); ++i)
+    if (number(dims, i) != static_cast<int>(layout.models[i])) return false;
+  return true;
+}
 
 // Solves a graspforce.ForceProblem, given with its layout and its buffer, from nothing or from
 // `start` (None, or m float64 forces); `solution` is graspforce.Solution, what comes back one of
@@ -53,8 +32,9 @@ class EngineCache {
 inline nb::object solve(nb::handle solution, nb::handle problem, nb::handle layout,
                         nb::handle packed, nb::handle start, double tol, int max_steps,
                         double budget_us) {
-  thread_local EngineCache engines;
-  Engine& engine = engines.find(layout);
+  thread_local Workspace workspace;
+  Engine& engine = workspace.engine([&](const Layout& kept) { return describes(layout, kept); },
+                                    [&] { return make_layout(layout); });
   const double* numbers = doubles(packed, packed_size(engine.layout()));
   const double* forces = nullptr;
   if (!start.is_none()) {

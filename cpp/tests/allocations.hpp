@@ -1,4 +1,4 @@
-// Counts every allocation of the program; to be included in one file of it.
+// Counts every allocation of the program and its bytes; to be included in one file of it.
 #pragma once
 
 #include <atomic>
@@ -6,12 +6,13 @@
 #include <cstdlib>
 #include <new>
 
-inline std::atomic<long> allocations{0};
+inline std::atomic<long> allocations{0}, allocated_bytes{0};
 
 // The vectors of the kernels are over-aligned and go through the operators of C++17.
 inline void* counted(std::size_t size, std::size_t alignment) {
   allocations.fetch_add(1, std::memory_order_relaxed);
   size = (size + alignment - 1) / alignment * alignment;
+  allocated_bytes.fetch_add(static_cast<long>(size), std::memory_order_relaxed);
   if (void* p = std::aligned_alloc(alignment, size)) return p;
   throw std::bad_alloc();
 }

@@ -1,10 +1,14 @@
 // Tests of the core by itself: what Python cannot see from outside, or would hide.
+#include <algorithm>
 #include <cmath>
 #include <random>
+#include <string>
 #include <vector>
 
 #include "expect.hpp"
 #include "graspforce/engine.hpp"
+#include "graspforce/validity.hpp"
+#include "judge.hpp"
 
 using namespace graspforce;
 
@@ -151,6 +155,36 @@ static void blocks_follow_the_pattern() {
   EXPECT(structure.blocks().size() == 2);
 }
 
+// Every single entry of J outside the blocks is watched, whatever stands beside it.
+static void every_entry_outside_is_watched() {
+  for (int contacts : {2, 3, 5}) {
+    Layout layout;
+    layout.models.assign(contacts, Model::PCWF);
+    layout.models.back() = Model::FPC;
+    layout.joints = 2 * contacts;
+    const int m = layout.components();
+    std::vector<double> packed(Offsets(layout).size, 1.0);
+    Problem problem(layout, packed.data());
+    double* J = const_cast<double*>(problem.J);
+    const auto inside = [&](int c, int j) { return std::min(c / 3, contacts - 1) == j / 2; };
+    for (int c = 0; c < m; ++c)
+      for (int j = 0; j < layout.joints; ++j) J[c * layout.joints + j] = inside(c, j);
+    Structure structure(layout);
+    structure.find(problem);
+    EXPECT(int(structure.blocks().size()) == contacts);
+    for (int c = 0; c < m; ++c)
+      for (int j = 0; j < layout.joints; ++j) {
+        double& entry = J[c * layout.joints + j];
+        const double before = entry;
+        entry = 1e-300;
+        EXPECT(structure.holds(problem, kChangedJacobian) == inside(c, j));
+        entry = -0.0;
+        EXPECT(structure.holds(problem, kChangedJacobian));
+        entry = before;
+      }
+  }
+}
+
 static void infeasible_ticks_are_proved_and_forgotten() {
   Cube cube(true);
   Engine engine(cube.layout);
@@ -179,15 +213,103 @@ static void a_solve_between_ticks_leaves_no_numbers_behind() {
   for (int c = 0; c < 12; ++c) EXPECT(engine.forces()[c] == alone.forces()[c]);
 }
 
+// What the caller knows of J's pattern is known of the last tick's blocks, not of a solve's.
+static void a_solve_between_ticks_keeps_no_pattern() {
+  Cube cube(true), coupled(true), without(true);
+  coupled.at(&Problem::J)[5] = 1e-3;
+  without.at(&Problem::engagement)[3] = 0;
+  Engine engine(cube.layout);
+  engine.tick(coupled.packed.data(), kSettings);
+  EXPECT(engine.kernels() == Kernels::Kind::General);
+  engine.solve(without.packed.data(), kSettings);
+  engine.solve(cube.packed.data(), kSettings);
+  EXPECT(engine.kernels() == Kernels::Kind::Lanes3Single);
+  engine.tick(coupled.packed.data(), kSettings, kChangedJacobian | kJacobianKept);
+  EXPECT(engine.kernels() == Kernels::Kind::General);
+}
+
+// The rank of W is looked at in each tick that needs it, whatever was found before.
+static void a_rank_is_not_remembered() {
+  Cube cube(true), flat(true);
+  for (int c = 0; c < 12; ++c) flat.at(&Problem::W)[5 * 12 + c] = 0;
+  Engine engine(cube.layout);
+  for (int round = 0; round < 2; ++round) {
+    cube.at(&Problem::f)[2] = 500;  // out of reach of the limits, not of W
+    EXPECT(engine.tick(cube.packed.data(), kSettings).status == Status::Infeasible);
+    flat.at(&Problem::f)[5] = 0.01;
+    EXPECT(engine.tick(flat.packed.data(), kSettings).status == Status::WrenchUnreachable);
+    flat.at(&Problem::f)[5] = 0;
+    EXPECT(engine.tick(flat.packed.data(), kSettings).status == Status::Solved);
+  }
+}
+
+static void a_proof_allows_for_rounding() {
+  Layout layout;
+  layout.models = {Model::FPC};
+  layout.wrench_rows = 4;
+  layout.ceilings = true;
+  // y·f is −1/2, and +1/2 when it is added up in double precision.
+  std::vector<double> packed(Offsets(layout).size, 0.0);
+  const Problem problem(layout, packed.data());
+  const double f[] = {1e16, -1, -1e16, 0.5}, y[] = {1, 1, 1, 1}, z[] = {0};
+  std::copy_n(f, 4, const_cast<double*>(problem.f));
+  const_cast<double*>(problem.engagement)[0] = const_cast<double*>(problem.c_max)[0] = 1;
+  const_cast<double*>(problem.mu)[0] = const_cast<double*>(problem.gamma)[0] = 1;
+  EXPECT(f[0] + f[1] + f[2] + f[3] > 0);
+  EXPECT(!proves_infeasible(layout, problem, y, z));
+}
+
+// A squeeze that the limits hold only weakly is bounded all the same.
+static void large_forces_are_not_unbounded() {
+  Cube cube(false);
+  for (int c = 0; c < 12; ++c)
+    for (int j = 0; j < 12; ++j) cube.at(&Problem::J)[12 * c + j] *= c % 3 == 0 ? 1e-5 : 1;
+  Engine engine(cube.layout);
+  EXPECT(engine.solve(cube.packed.data(), kSettings).status == Status::Solved);
+  EXPECT(engine.forces()[0] > 1e4);  // 1e3 times what the limits are made for
+}
+
+// Numbers of any size: a verdict that an independent judge bears out, and finite forces with it.
 static void nonsense_gets_a_status() {
   for (double size : {1e-300, 1e-200, 1e-30, 1e30, 1e200, 1e300}) {
     Cube cube(true);
     for (double& value : cube.packed) value *= size;
     for (int i = 0; i < 4; ++i) cube.at(&Problem::engagement)[i] = 1;
+    EXPECT(!find_flaw(cube.layout, cube.packed.data()));
     Engine engine(cube.layout);
     const Result result = engine.solve(cube.packed.data(), {1e-9, 50});
-    if (result.status == Status::Solved)
-      for (int c = 0; c < 12; ++c) EXPECT(std::isfinite(engine.forces()[c]));
+    const Judge judge(cube.layout, cube.packed.data());
+    EXPECT(judge.find_fault(engine, result) == nullptr);
+  }
+}
+
+// One number out of its range, wherever it stands, is a flaw that is named.
+static void a_number_out_of_range_is_named() {
+  Cube cube(true);
+  EXPECT(!find_flaw(cube.layout, cube.packed.data()));
+  each_field(cube.layout, [&](const Field& field) {
+    for (int k = 0; k < int(field.size()); ++k) {
+      double& number = cube.packed[field.offset + k];
+      const double before = number;
+      auto refused = [&](double bad) {
+        number = bad;
+        const Flaw flaw = find_flaw(cube.layout, cube.packed.data());
+        EXPECT(flaw && std::string(flaw.field) == field.name && flaw.expected != nullptr);
+        EXPECT(flaw.row * field.columns + flaw.column == k);
+      };
+      refused(kInfinity);
+      refused(std::nan(""));
+      if (field.range == Range::Share) refused(1.5);
+      if (field.range != Range::Finite) refused(-1);
+      if (field.range == Range::Positive) refused(0);
+      number = before;
+    }
+  });
+  for (auto field : {&Problem::mu, &Problem::gamma, &Problem::alpha}) {
+    const double before = cube.at(field)[0];
+    cube.at(field)[0] = 0;  // whatever the table of fields says of their ranges
+    EXPECT(find_flaw(cube.layout, cube.packed.data()));
+    cube.at(field)[0] = before;
   }
 }
 
@@ -197,8 +319,14 @@ int main() {
   contacts_leave_and_return();
   a_budget_ends_a_tick_with_forces_that_hold();
   blocks_follow_the_pattern();
+  every_entry_outside_is_watched();
   infeasible_ticks_are_proved_and_forgotten();
   a_solve_between_ticks_leaves_no_numbers_behind();
+  a_solve_between_ticks_keeps_no_pattern();
+  a_rank_is_not_remembered();
+  a_proof_allows_for_rounding();
+  large_forces_are_not_unbounded();
   nonsense_gets_a_status();
+  a_number_out_of_range_is_named();
   return verdict("core");
 }

@@ -72,6 +72,8 @@ static void an_empty_grasp_answers_for_its_joints() {
   grasp.lose_joints();  // a joint that feels nothing has to carry its bias all the same
   const Result result = judged(grasp);
   EXPECT(result.status == Status::Infeasible && std::abs(result.violation - 1.2 / 0.8) < 1e-12);
+  grasp.data.tau_bias[2] = -2;  // the other side
+  EXPECT(judged(grasp).status == Status::Infeasible);
 }
 
 static void rows_of_one_huge_entry_do_not_make_a_wrench_unreachable() {

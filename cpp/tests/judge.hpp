@@ -30,6 +30,9 @@ class Judge {
     for (int r = 0; r < layout_.wrench_rows; ++r)
       if (!std::isfinite(engine.multipliers()[r])) return "a multiplier that is no number";
     if (!(result.decrement >= 0)) return "a decrement that is no number";
+    const bool none = result.status == Status::Infeasible || result.status == Status::Unbounded ||
+                      result.status == Status::WrenchUnreachable;
+    if (none && result.decrement < kInfinity) return "no minimum, and a bound on the decrement";
     if (!(result.violation >= 0 && result.violation < kInfinity))
       return "a violation that is no number";
     if (result.status == Status::Solved) {

@@ -12,7 +12,7 @@ using namespace graspforce;
 
 // What a kernel finds at a point.
 struct Found {
-  double force = 0, lambda = 0, slope = 0, limit = 0, bound = 0, wrench_error = 0;
+  double force = 0, lambda = 0, slope = 0, limit = 0, bound = 0, next_lambda = 0, wrench_error = 0;
   bool inside = false, balanced = false;
   std::vector<double> step, nu, next_nu;
 };
@@ -49,6 +49,8 @@ static Found look(AnyBarrier& barrier, const Layout& layout, const std::vector<d
     found.bound = barrier.decrement_bound(found.lambda);
     found.next_nu.resize(k);
     barrier.get_multipliers(found.next_nu.data());
+    EXPECT(barrier.evaluate());
+    found.next_lambda = barrier.newton();
   }
   return found;
 }
@@ -80,6 +82,8 @@ static void agree(const Layout& layout, const Found& general, const Found& other
   EXPECT(steps_apart.back() <= (layout.soft_wrench ? 1e-8 : 1e-11));
   EXPECT(apart(general.nu, other.nu) <= near);
   EXPECT(std::abs(general.bound - other.bound) <= 1e-9 + 1e-6 * general.bound);
+  for (const Found* each : {&general, &other})  // it is a bound
+    EXPECT(each->next_lambda <= each->bound * (1 + 1e-6) + 1e-9);
   EXPECT(general.next_nu.size() == other.next_nu.size());
   if (general.next_nu.size() == other.next_nu.size() && !general.next_nu.empty())
     EXPECT(apart(general.next_nu, other.next_nu) <= near);
@@ -103,7 +107,8 @@ static void steps_of_least_squares_are_stationary() {
   Random random(8);
   for (int trial = 0; trial < 200; ++trial) {
     Layout layout;
-    layout.models.assign(2 + random.below(3), Model::PCWF);
+    // Three at least: the W of two has dependent rows.
+    layout.models.assign(3 + random.below(3), Model::PCWF);
     layout.joints = 3 * layout.contacts();
     layout.ceilings = true;
     RandomGrasp grasp(random, layout);
@@ -168,7 +173,38 @@ static void steps_of_least_squares_are_stationary() {
   }
 }
 
+// The engine takes the narrowest kernels that fit, as contacts couple, leave and return.
+static void the_engine_chooses_by_size_and_coupling() {
+  using Kind = Kernels::Kind;
+  const auto chosen = [](int contacts, Model model, int wrench_rows, auto change) {
+    Random random(3);
+    Layout layout;
+    layout.models.assign(contacts, model);
+    layout.wrench_rows = wrench_rows;
+    layout.joints = 3 * contacts;
+    layout.ceilings = true;
+    RandomGrasp grasp(random, layout);
+    change(grasp, random);
+    Engine engine(layout);
+    engine.tick(grasp.data.packed(), Settings{});
+    return engine.kernels();
+  };
+  const auto nothing = [](RandomGrasp&, Random&) {};
+  const auto leave = [](RandomGrasp& grasp, Random&) { grasp.data.engagement[2] = 0; };
+  const auto couple = [](RandomGrasp& grasp, Random&) { grasp.data.J(0, 5) = 0.01; };
+  EXPECT(chosen(4, Model::PCWF, 6, nothing) == Kind::Lanes3Single);
+  EXPECT(chosen(4, Model::FPC, 6, nothing) == Kind::Lanes3Single);
+  EXPECT(chosen(4, Model::SFC, 6, nothing) == Kind::Lanes4Single);
+  EXPECT(chosen(5, Model::PCWF, 6, nothing) == Kind::Lanes3);
+  EXPECT(chosen(5, Model::SFC, 6, nothing) == Kind::Lanes4);
+  EXPECT(chosen(5, Model::PCWF, 6, leave) == Kind::Lanes3Single);
+  EXPECT(chosen(5, Model::SFC, 3, leave) == Kind::Lanes4Single);
+  EXPECT(chosen(4, Model::PCWF, 6, couple) == Kind::General);
+  EXPECT(chosen(4, Model::PCWF, 7, nothing) == Kind::General);
+}
+
 int main() {
+  the_engine_chooses_by_size_and_coupling();
   steps_of_least_squares_are_stationary();
   Random random(5);
   int compared = 0, kernels[5] = {}, close = 0;

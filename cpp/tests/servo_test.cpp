@@ -3,10 +3,12 @@
 
 #include <cmath>
 #include <limits>
+#include <string>
 
 #include "allocations.hpp"
 #include "expect.hpp"
 #include "graspforce/contact.hpp"
+#include "random_grasp.hpp"
 
 using namespace graspforce;
 
@@ -67,7 +69,8 @@ static void refused_numbers_leave_no_trace() {
     double& number;
     double bad;
   } const wrong[] = {{servo.f[0], nan},   {servo.W(5, 11), kInfinity}, {servo.engagement[2], 1.5},
-                     {servo.c_max[1], 0}, {servo.mu[0], -0.5},         {servo.alpha, 0}};
+                     {servo.c_max[1], 0}, {servo.mu[0], -0.5},         {servo.gamma[3], -0.01},
+                     {servo.alpha, 0}};
   const long before = allocations;
   for (const auto& each : wrong) {
     EXPECT(servo.tick() == Status::Solved && clean.tick() == Status::Solved);
@@ -83,6 +86,27 @@ static void refused_numbers_leave_no_trace() {
     for (int i = 0; i < 12; ++i) EXPECT(servo.c()[i] == clean.c()[i]);
   }
   EXPECT(allocations == before);
+}
+
+// Whichever entry of whichever field changes, its kind of change is told.
+static void every_change_is_found() {
+  Layout layout = four_fingers(3);
+  layout.inequalities = 2;
+  layout.floors = layout.rate_limits = true;
+  ProblemData before(layout), now(layout);
+  const Offsets at(layout);
+  each_field(layout, [&](const Field& field) {
+    const std::string name = field.name;
+    const unsigned expected = name == "W"   ? kChangedMap
+                              : name == "f" ? kChangedNothing
+                              : name == "J" ? kChangedJacobian
+                                            : kChangedRest;
+    for (std::size_t i = field.offset; i < field.offset + field.size(); ++i) {
+      now = before;
+      now.packed()[i] += 1;
+      EXPECT(find_changes(at, before.packed(), now.packed()) == expected);
+    }
+  });
 }
 
 static void nothing_at_all_is_refused() {
@@ -162,10 +186,77 @@ static void a_rate_limit_alone_proves_nothing() {
   }
 }
 
+// With many contacts a tick copies and compares only the entries of J inside their pattern. Against
+// an engine that gets all numbers: whatever is written outside is noticed, at once.
+static void a_large_jacobian_is_watched_outside_its_pattern() {
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    Random random(seed);
+    Layout layout;
+    layout.models.assign(16, Model::PCWF);
+    layout.joints = 48;
+    layout.ceilings = true;
+    RandomGrasp grasp(random, layout);
+    Servo servo(layout);
+    Engine engine(layout);
+    std::vector<double> last(servo.packed_size());
+    std::vector<Snapshot> kept;
+    int coupled_row = 0, coupled_joint = 0;
+    for (int tick = 0; tick < 120; ++tick) {
+      for (double& entry : grasp.data.J.entries()) entry *= 1 + 1e-3 * random.normal();
+      switch (random.below(12)) {
+        case 0:
+          coupled_row = random.below(48), coupled_joint = random.below(48);
+          grasp.data.J(coupled_row, coupled_joint) = 0.01;
+          break;
+        case 1:
+          grasp.uncouple(random);
+          break;
+        case 2:
+          grasp.data.J(coupled_row, coupled_joint) = -0.0;
+          break;
+        case 3:  // blocks are found anew
+          grasp.data.engagement[random.below(16)] = random.chance(0.5) ? 0 : 1;
+          break;
+        case 4:
+          grasp.uncouple(random);
+          grasp.data.engagement[random.below(16)] = random.chance(0.5) ? 0 : 1;
+          break;
+        case 5:
+          kept.push_back(servo.snapshot());
+          break;
+        case 6:
+          kept.clear();
+          break;
+        case 7: {
+          const std::vector<double> before(servo.c().begin(), servo.c().end());
+          servo = grasp.data;
+          servo.J(random.below(48), random.below(48)) = std::numeric_limits<double>::quiet_NaN();
+          EXPECT(servo.tick() == Status::InvalidNumbers && servo.refusal());
+          EXPECT(std::equal(before.begin(), before.end(), servo.c().begin()));
+        }
+      }
+      grasp.wander(random, 1e-3);
+      servo = grasp.data;
+      const double* packed = grasp.data.packed();
+      const unsigned changed =
+          tick == 0 ? kChangedAll : find_changes(servo.offsets(), last.data(), packed);
+      engine.tick(packed, servo.settings, changed);
+      servo.tick();
+      EXPECT(servo.result().newton_steps == engine.result().newton_steps);
+      for (int i = 0; i < 48; ++i) EXPECT(servo.c()[i] == engine.forces()[i]);
+      for (int r = 0; r < 6; ++r) EXPECT(servo.nu()[r] == engine.multipliers()[r]);
+      EXPECT(std::equal(packed, packed + last.size(), servo.snapshot()->begin()));
+      last.assign(packed, packed + last.size());
+    }
+  }
+}
+
 int main() {
+  a_large_jacobian_is_watched_outside_its_pattern();
   a_contact_gives_its_columns();
   a_tick_holds_the_cube();
   refused_numbers_leave_no_trace();
+  every_change_is_found();
   nothing_at_all_is_refused();
   before_the_first_tick_nothing_is_inside();
   a_tangent_along_the_normal_is_replaced();

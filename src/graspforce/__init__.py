@@ -22,31 +22,33 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from graspforce._engine.outcome import Start, Status
+from graspforce._engine.settings import Settings
 from graspforce.certificate import Certificate, check_certificate
 from graspforce.contact import FPC, PCWF, SFC, Contact
 from graspforce.errors import (
     GraspForceError,
     GraspForceWarning,
-    InfeasibleGraspError,
     InvalidInputError,
     MissingExtraError,
     ModelImportError,
-    NotConvergedError,
-    SolveError,
 )
 from graspforce.grasp import Grasp
 from graspforce.grasp_map import grasp_map
-from graspforce.outcome import Start, Status
 from graspforce.problem import ForceProblem
 from graspforce.servo import Servo
-from graspforce.settings import Settings
-from graspforce.solution import Solution, Verification
+from graspforce.solution import (
+    InfeasibleGraspError,
+    NotConvergedError,
+    Solution,
+    SolveError,
+    Verification,
+)
 from graspforce.solve import solve
 
 if TYPE_CHECKING:
     from graspforce import (
         baselines,
-        figures,
         files,
         hands,
         reference,
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
         sim,
         trajectory,
     )
+    from graspforce.study import figures
 
 __version__: str
 
@@ -95,24 +98,15 @@ __all__ = [
 ]
 
 # Imported at first use, so that `import graspforce` stays as light as NumPy.
-_LAZY = frozenset(
-    {
-        "baselines",
-        "figures",
-        "files",
-        "hands",
-        "reference",
-        "regrasp",
-        "scenarios",
-        "sim",
-        "trajectory",
-    }
-)
+_LAZY = {
+    name: f"graspforce.{name}"
+    for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory")
+} | {"figures": "graspforce.study.figures"}
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
-        return importlib.import_module(f"graspforce.{name}")
+        return importlib.import_module(_LAZY[name])
     if name == "__version__":
         from importlib.metadata import version  # as heavy as everything else together
 

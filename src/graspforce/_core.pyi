@@ -8,11 +8,19 @@ import numpy
 from numpy.typing import NDArray
 
 
+class SolutionBase:
+    """Outcome and problem of a Solution."""
+
 def instruction_sets() -> list[str]:
     """Which of the modules besides _core this processor runs, the best last."""
 
 def solve(solution: object, problem: object, layout: object, packed: object, start: object | None, tol: float, max_steps: int, budget_us: float) -> object:
     """Solves a ForceProblem; what comes back is a `solution`."""
+
+def kkt_solve(layout: object, packed: object, c: object, rhs: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
+    """
+    Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), with the Hessian H of Phi at forces c, shape (m,), strictly inside every limit. Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get nu = 0.
+    """
 
 def fields(layout: object) -> list[tuple[str, int, int, int]]:
     """

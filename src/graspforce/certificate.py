@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspforce._arrays import Array, as_array, require_instance, signless
+from graspforce._util.arrays import Array, as_array, require_instance, signless
+from graspforce.equations import dual_margins
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 
@@ -72,19 +73,14 @@ def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:
     y, z, W, f = certificate.y, certificate.z, problem.W, problem.f
     unit = 1e-14 * (len(y) + len(z))
     e = A.T @ z - W.T @ y
-    slop = unit * (np.abs(A.T) @ np.abs(z) + np.abs(W.T) @ np.abs(y))
-    for i, (start, end) in enumerate(zip(problem.starts, problem.starts[1:], strict=False)):
-        if problem.active[i]:  # the dual cone: e_n ≥ mu ‖(e_x, e_y, (gamma/mu) e_torsion)‖
-            weight = np.array([1.0, 1.0, problem.gamma[i] / problem.mu[i]])[: end - start - 1]
-            tangent = weight * e[start + 1 : end]
-            # hypot, since squares vanish where the multipliers are small: a proof has no unit.
-            radius = np.hypot.reduce(weight * slop[start + 1 : end])
-            safe = slop[start] + problem.mu[i] * radius
-            # Not a number is no proof either.
-            if not e[start] - problem.mu[i] * np.hypot.reduce(tangent) >= safe:
-                return False
+    off = unit * (np.abs(A.T) @ np.abs(z) + np.abs(W.T) @ np.abs(y))
+    # Rounding may have raised the normal part of e and shortened its tangential part by as much.
+    most = 2 * off[problem.starts[:-1]] - dual_margins(off, problem.cones)
+    safe = dual_margins(e, problem.cones) >= most
     gap = y @ f - z @ b
-    return bool((z >= 0).all() and gap > unit * (np.abs(y) @ np.abs(f) + z @ np.abs(b)))
+    rounding = unit * (np.abs(y) @ np.abs(f) + z @ np.abs(b))
+    # Every comparison with NaN is False: NaN is no proof.
+    return bool(safe[problem.active].all() and (z >= 0).all() and gap > rounding)
 
 
 def _limits_for(problem: ForceProblem, certificate: Certificate) -> tuple[Array, Array]:

@@ -11,6 +11,10 @@ SFC        normal, x, y, torsion       mu n > ‖(x, y, (mu/gamma) torsion)‖
 
 The contact frame's normal points INTO the object; x and y are tangents, right-handed with it
 (x × y = normal).
+
+A model is its number of components ``dim`` and its coefficients ``mu`` and ``gamma``; nothing else
+branches on its class. c_i are the first ``dim`` of (normal force, x, y, torsion), and scaled by the
+first ``dim`` of (mu, 1, 1, mu/gamma) they make every cone the same Lorentz cone.
 """
 
 from __future__ import annotations
@@ -18,12 +22,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import (
+from graspforce._util.arrays import (
     Array,
     as_array,
     as_positive,
@@ -41,15 +45,30 @@ LARGEST_SPAN = 5.0
 LARGEST_GAMMA = 1.0
 
 
+class _Model:
+    """What every contact model has; its classes set ``dim``, and the coefficients they need."""
+
+    __slots__ = ()
+    dim: ClassVar[int]
+
+    @property
+    def cone_scaling(self) -> Array:
+        """Scales, shape (dim,): with s = cone_scaling·c_i the cone is s_0 > ‖(s_1, …)‖ [N]."""
+        model = cast("ContactModel", self)
+        return cone_scalings(np.array(model.mu), np.array(model.gamma))[: self.dim]
+
+
 @dataclass(frozen=True, slots=True)
-class FPC:
+class FPC(_Model):
     """Frictionless point contact: pushes along the normal only; c_i = [n]."""
 
     dim: ClassVar[int] = 1
+    mu: ClassVar[float] = 1.0  # the cone of PCWF without tangents
+    gamma: ClassVar[float] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class PCWF:
+class PCWF(_Model):
     """Point contact with friction; c_i = [n, x, y].
 
     Args:
@@ -58,13 +77,14 @@ class PCWF:
 
     mu: float
     dim: ClassVar[int] = 3
+    gamma: ClassVar[float] = 1.0  # there is no torsion
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mu", as_positive(self.mu, "PCWF.mu"))
 
 
 @dataclass(frozen=True, slots=True)
-class SFC:
+class SFC(_Model):
     """Soft-finger contact with an elliptic cone; c_i = [n, x, y, torsion].
 
     Args:
@@ -83,6 +103,22 @@ class SFC:
 
 ContactModel: TypeAlias = FPC | PCWF | SFC
 _MODELS = "FPC(), PCWF(mu) or SFC(mu, gamma)"
+
+
+def cone_scalings(mu: Array, gamma: Array) -> Array:
+    """Return the scales (mu, 1, 1, mu/gamma) of normal force, x, y and torsion, shape (…, 4).
+
+    Args:
+        mu: coefficients of friction, shape (…,) [-].
+        gamma: coefficients of torsional friction, shape (…,) [m].
+    """
+    one = np.ones(mu.shape)
+    return np.stack((mu, one, one, mu / gamma), axis=-1)
+
+
+def model_of(dim: int, mu: float, gamma: float) -> ContactModel:
+    """Return the model with ``dim`` components and these coefficients."""
+    return FPC() if dim == FPC.dim else PCWF(mu) if dim == PCWF.dim else SFC(mu, gamma)
 
 
 def as_models(models: ContactModel | Sequence[ContactModel]) -> tuple[ContactModel, ...]:
@@ -129,14 +165,14 @@ def warn_of_slips(contacts: Sequence[Contact]) -> None:
             f"contacts: their points are {span:.4g} m apart; if these are millimetres, divide "
             "them by 1000"
         )
-    gamma = max(getattr(contact.model, "gamma", 0.0) for contact in contacts)
+    gamma = max(contact.model.gamma for contact in contacts)
     if gamma > LARGEST_GAMMA:
         warn(f"contacts: gamma is {gamma:.4g} m; if these are millimetres, divide them by 1000")
     centre = np.array([sum(axis) / len(contacts) for axis in along])
     if (
         all(_points_away(contact, centre) for contact in contacts)
         and np.linalg.norm(np.mean([contact.normal for contact in contacts], axis=0)) <= 0.8
-        and any(not isinstance(contact.model, FPC) for contact in contacts)
+        and any(contact.model.dim > 1 for contact in contacts)
     ):
         warn(
             "contacts: every normal points away from the contacts' centre; normals point INTO "
@@ -150,7 +186,7 @@ def _points_away(contact: Contact, centre: Array) -> bool:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return a × b, shape (3,); a tenth of the time that NumPy's general one takes."""
+    """Return a × b along the first axis; a tenth of the time that NumPy's general one takes."""
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
@@ -221,6 +257,19 @@ class Contact:
     def frame(self) -> Array:
         """The axes of the contact frame as columns [normal, x, y], shape (3, 3)."""
         return np.column_stack((self.normal, self.tangent, cross(self.normal, self.tangent)))
+
+    @property
+    def wrench_basis(self) -> Array:
+        """Wrench about the contact point of each component of c_i, shape (6, dim).
+
+        Rows [force; torque] in the axes in which the normal was given. So ``wrench_basis @ c_i`` is
+        what the contact exerts, and ``wrench_basis.T @ twist`` the velocity of a link there in the
+        contact's components. The columns are the first ``dim`` of force along normal, x, y and
+        torque about the normal.
+        """
+        frame, basis = self.frame, np.zeros((6, 6))
+        basis[:3, :3] = basis[3:, 3:] = frame
+        return basis[:, : self.model.dim]
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Contact):

@@ -2,10 +2,9 @@
 
 An exception says that the caller is wrong or that something is missing: which argument, what
 came, what was expected. What the mathematics finds (a grasp that cannot carry the load, say)
-is never an exception but a :class:`graspforce.Status` on the solution; the two classes under
-:class:`SolveError` exist for callers who ask for it with ``check=True`` or
-``Solution.raise_if_failed()``. What is legitimate but looks like a slip is a
-:class:`GraspForceWarning`.
+is never an exception but a :class:`graspforce.Status` on the solution; for callers who ask for one
+with ``check=True`` or ``Solution.raise_if_failed()`` there is :class:`graspforce.SolveError`. What
+is legitimate but looks like a slip is a :class:`GraspForceWarning`.
 """
 
 from __future__ import annotations
@@ -13,10 +12,8 @@ from __future__ import annotations
 import inspect
 import re
 import warnings
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from graspforce.solution import Solution
+from collections.abc import Generator
+from contextlib import contextmanager
 
 
 class GraspForceError(Exception):
@@ -38,6 +35,15 @@ def warn(*texts: str) -> None:
 
 class InvalidInputError(GraspForceError, ValueError):
     """An argument is wrong; the text names it, what came and what was expected."""
+
+
+@contextmanager
+def error_context(where: str) -> Generator[None]:
+    """Put ``where`` in front of the text of an InvalidInputError raised inside."""
+    try:
+        yield
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{where}: {error}") from error
 
 
 class ModelImportError(GraspForceError):
@@ -69,26 +75,6 @@ class MissingExtraError(GraspForceError, ImportError):
 
 class RenderError(GraspForceError):
     """Nothing can be drawn here; the text says what to install or to set."""
-
-
-class SolveError(GraspForceError):
-    """A solution was required to be SOLVED and is not; ``solution`` holds what was found."""
-
-    def __init__(self, solution: Solution) -> None:
-        super().__init__(f"{solution.status.name}: {solution.message}")
-        self.solution = solution
-
-    def __reduce__(self) -> tuple[type[SolveError], tuple[Solution]]:
-        """Pickle by the solution: the text is derived from it."""
-        return (type(self), (self.solution,))
-
-
-class InfeasibleGraspError(SolveError):
-    """No contact force gives the wrench within the cones and limits."""
-
-
-class NotConvergedError(SolveError):
-    """The solver stopped before it could certify an answer."""
 
 
 def _packages(extra: str) -> list[str]:

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, require_keywords
+from graspforce._util.arrays import Array, as_array, require_keywords
 from graspforce.contact import Contact, ContactModel, as_contacts, warn_of_slips
 from graspforce.errors import InvalidInputError
 from graspforce.grasp_map import map_about
 from graspforce.problem import ForceProblem, ProblemOptions
 
 if TYPE_CHECKING:
-    from graspforce.hands.hand import Actuation, Hand, Reading
+    from graspforce.hands.hand import Actuation, Hand, ImportedGrasp
 
 
 class Grasp:
@@ -61,18 +61,18 @@ class Grasp:
         if (hand is None) != (q is None):
             given, missing = ("q", "hand") if hand is None else ("hand", "q")
             raise InvalidInputError(f"{missing}: missing; {given} came without it")
-        self._place(contacts, origin)
+        self._place(as_contacts(contacts), as_array(origin, "origin", (3,)))
         warn_of_slips(self.contacts)
         if hand is not None and q is not None:
             from graspforce.hands.hand import actuation
 
-            self._take(actuation(hand, self.contacts, q))
+            self._actuate(actuation(hand, self.contacts, q))
 
-    def _place(self, contacts: Sequence[Contact], origin: ArrayLike) -> None:
-        self.contacts = as_contacts(contacts)
-        self.origin = as_array(origin, "origin", (3,))
-        self.W = map_about(self.origin, self.contacts)
-        self.models: tuple[ContactModel, ...] = tuple(each.model for each in self.contacts)
+    def _place(self, contacts: tuple[Contact, ...], origin: Array) -> None:
+        """Take contacts and an origin that were checked before; there is no hand yet."""
+        self.contacts, self.origin = contacts, origin
+        self.W = map_about(origin, contacts)
+        self.models: tuple[ContactModel, ...] = tuple(each.model for each in contacts)
         self.J: Array | None = None
         self.tau_lo: Array | None = None
         self.tau_hi: Array | None = None
@@ -82,6 +82,12 @@ class Grasp:
         self.passive_loads: Array = np.zeros(0)
         self.links: tuple[str, ...] = ()
         self.notes: tuple[str, ...] = ()
+
+    def _actuate(self, actuation: Actuation) -> None:
+        (
+            self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
+            self.passive_rows, self.passive_loads,
+        ) = actuation  # fmt: skip
 
     @classmethod
     def from_mujoco(
@@ -114,9 +120,9 @@ class Grasp:
                 finger touches: the text says which fingers lack contact.
             ModelImportError: a joint or tendon with a motor but without a torque limit.
         """
-        from graspforce.mujoco_grasp import read
+        from graspforce.hands.mujoco.grasp import held_grasp
 
-        return cls._of(read(model, data, object_body, fingertips, tau_max))
+        return cls._imported(held_grasp(model, data, object_body, fingertips, tau_max))
 
     @classmethod
     def from_pinocchio(
@@ -148,23 +154,17 @@ class Grasp:
             InvalidInputError: a wrong shape, a frame that is not there.
             ModelImportError: no motor moves any of the links; a joint without a torque limit.
         """
-        from graspforce.pinocchio_grasp import read
+        from graspforce.hands.pinocchio.grasp import PinocchioGrasp
 
-        return cls._of(read(model, q, contacts, links, v, origin, tau_max))
+        return cls._imported(PinocchioGrasp(model, q, contacts, links, v, origin, tau_max))
 
     @classmethod
-    def _of(cls, reading: Reading) -> Grasp:
+    def _imported(cls, read: ImportedGrasp) -> Grasp:
         grasp = cls.__new__(cls)
-        grasp._place(reading.contacts, reading.origin)
-        grasp._take(reading.actuation)
-        grasp.links, grasp.notes = reading.links, reading.notes
+        grasp._place(read.contacts, read.origin)
+        grasp._actuate(read.actuation)
+        grasp.links, grasp.notes = read.links, read.notes
         return grasp
-
-    def _take(self, actuation: Actuation) -> None:
-        self.joint_names, self.J = actuation.joint_names, actuation.J
-        self.tau_lo, self.tau_hi = actuation.tau_lo, actuation.tau_hi
-        self.tau_bias = actuation.tau_bias
-        self.passive_rows, self.passive_loads = actuation.passive_rows, actuation.passive_loads
 
     def problem(self, f: ArrayLike, **options: Unpack[ProblemOptions]) -> ForceProblem:
         """Return the problem of giving the object the wrench f with this grasp.

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array
-from graspforce.contact import FPC, SFC, Contact, as_contacts, cross, warn_of_slips
+from graspforce._util.arrays import Array, as_array
+from graspforce.contact import Contact, as_contacts, cross, warn_of_slips
 
 
 def grasp_map(contacts: Sequence[Contact], origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
@@ -39,10 +39,6 @@ def map_about(origin: Array, contacts: Sequence[Contact]) -> Array:
     """Return the grasp map of contacts and an origin that were checked before."""
     columns: list[Array] = []
     for contact in contacts:
-        frame = contact.frame
-        axes = frame[:, :1] if isinstance(contact.model, FPC) else frame
-        arm = contact.point - origin
-        columns += [np.concatenate((axis, cross(arm, axis))) for axis in axes.T]
-        if isinstance(contact.model, SFC):
-            columns.append(np.concatenate((np.zeros(3), contact.normal)))
-    return np.column_stack(columns)
+        force, torque = np.split(contact.wrench_basis, 2)
+        columns.append(np.vstack((force, torque + cross(contact.point - origin, force))))
+    return np.hstack(columns)

@@ -9,17 +9,19 @@ buffer, whose order :class:`Layout` fixes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspforce import _native
-from graspforce._arrays import Array, as_array, require_keywords, signless
-from graspforce.contact import FPC, PCWF, SFC, ContactModel, as_models, contact_starts
+from graspforce import equations
+from graspforce._engine import native
+from graspforce._engine.layout import FIELDS, Layout, Slot
+from graspforce._util.arrays import Array, as_array, require_keywords, signless
+from graspforce.contact import ContactModel, as_models, contact_starts, model_of
+from graspforce.equations import Barriers, Cones
 from graspforce.errors import InvalidInputError
-from graspforce.layout import FIELDS, Layout, Slot
 
 # A contact whose engagement is no larger than this has left the grasp: its force is zero, and
 # its cone, its limits and its finger's joints leave the problem (end of Section III-C.3).
@@ -151,8 +153,8 @@ class ForceProblem:
             k, tuple(model.dim for model in each), joints, inequalities, c_max is not None,
             c_min is not None, c_last is not None,
         )  # fmt: skip
-        given["mu"] = [getattr(model, "mu", 1.0) for model in each]
-        given["gamma"] = [getattr(model, "gamma", 1.0) for model in each]
+        given["mu"] = [model.mu for model in each]
+        given["gamma"] = [model.gamma for model in each]
         slots = layout.slots
         packed = np.empty(slots["alpha"].stop)
         for name, slot in slots.items():
@@ -182,7 +184,7 @@ class ForceProblem:
         if name == "models":
             layout = self.layout
             coefficients = zip(layout.dims, self.mu.tolist(), self.gamma.tolist(), strict=True)
-            value: Any = tuple(_model(*each) for each in coefficients)
+            value: Any = tuple(model_of(*each) for each in coefficients)
         elif name in FIELDS:
             start, stop, shape = self.layout.slots[name]
             value = float(self.packed[start]) if name == "alpha" else (
@@ -256,6 +258,68 @@ class ForceProblem:
         """Which contacts are part of the grasp, shape (n,): engagement above 1e-6."""
         return self.engagement > REMOVAL_THRESHOLD
 
+    @property
+    def active_components(self) -> NDArray[np.bool_]:
+        """Which components of c belong to contacts that are in the grasp, shape (m,)."""
+        return np.repeat(self.active, self.layout.dims)
+
+    def restricted(self) -> ForceProblem:
+        """Return the problem without the contacts that are out of the grasp.
+
+        Their components leave c and W, their limits and the joints and rows of A that touch no
+        other contact leave with them. Where no contact is left there are none in the layout.
+        """
+        if self.active.all():
+            return self
+        layout, kept = self.layout, self.active_components
+        joints, rows = _touches(self.J.T, kept), _touches(self.A, kept)
+        chosen = {"m": kept, "n": self.active, "n_joints": joints, "p": rows}
+        chosen["k"] = np.ones(layout.wrench_rows, dtype=bool)
+        packed = [
+            view[np.ix_(*(chosen[axis] for axis in FIELDS[name].shape))].ravel()
+            for name, view in layout.views(self.packed).items()
+            if view.size
+        ]
+        dims = tuple(np.array(layout.dims)[self.active].tolist())
+        inner = layout._replace(dims=dims, joints=int(joints.sum()), inequalities=int(rows.sum()))
+        return ForceProblem.from_packed(inner, np.concatenate(packed))
+
+    def scatter(self, c: Array) -> Array:
+        """Put forces of the :meth:`restricted` problem back, zeros for the contacts that are out.
+
+        Args:
+            c: contact forces of the contacts that are in the grasp.
+
+        Returns:
+            Contact forces of all contacts, shape (m,).
+        """
+        whole = np.zeros(self.m)
+        whole[self.active_components] = c
+        return whole
+
+    def scatter_multipliers(self, z: Array) -> Array:
+        """Put multipliers of :meth:`linear_limits` among zeros for the rows that do not count."""
+        counted = self.counted_limits()
+        every = np.zeros(len(counted))
+        every[counted] = z
+        return every
+
+    @property
+    def has_limits(self) -> bool:
+        """Whether anything but floors limits the forces."""
+        layout = self.layout
+        return bool(layout.joints or layout.ceilings or layout.inequalities or layout.rate_limits)
+
+    @property
+    def cones(self) -> Cones:
+        """The friction cones of all contacts."""
+        return Cones.of(self.layout.dims, self.mu, self.gamma)
+
+    @property
+    def barriers(self) -> Barriers:
+        """The cones and limits of Eq. (16); of a :meth:`restricted` problem, those that count."""
+        return Barriers(self.cones, *self.linear_limits(), self.alpha)
+
     def linear_limits(self) -> tuple[Array, Array]:
         """Return every linear limit that counts as ``A c ≤ b`` (Eq. 5, 15 and 20).
 
@@ -264,34 +328,49 @@ class ForceProblem:
             floors, rates above and below, the problem's own A. The columns of contacts that are
             out of the grasp are zero, and rows that touch no other contacts are left out.
         """
-        A, b = self._all_limits()
+        A, b = all_limits(self.layout, self.layout.views(self.packed))
         if self.active.all():
             return A, b
-        rows = self.counted_limits()
-        return A[rows] * np.repeat(self.active, self.layout.dims), b[rows]
+        counted = self.counted_limits()
+        return A[counted] * self.active_components, b[counted]
 
     def counted_limits(self) -> NDArray[np.bool_]:
         """Which of all the rows :meth:`linear_limits` keeps: not those of removed contacts."""
-        touches = self._all_limits()[0] != 0
-        there = touches[:, np.repeat(self.active, self.layout.dims)].any(axis=1)
-        return there | ~touches.any(axis=1)
+        layout, kept = self.layout, self.active_components
+        joints = _touches(self.J.T, kept)
+        return np.concatenate(
+            [joints] * 2
+            + [self.active] * (layout.ceilings + layout.floors)
+            + [kept] * (2 * layout.rate_limits)
+            + [_touches(self.A, kept)]
+        )
 
-    def _all_limits(self) -> tuple[Array, Array]:
-        normals = np.zeros((self.n, self.m))
-        normals[np.arange(self.n), self.starts[:-1]] = 1.0
-        parts = [
-            (self.J.T, self.tau_hi - self.tau_bias),
-            (-self.J.T, self.tau_bias - self.tau_lo),
-        ]
-        if self.layout.ceilings:
-            parts.append((normals, self.engagement * self.c_max))
-        if self.layout.floors:
-            parts.append((-normals, -self.engagement * self.c_min))
-        if self.layout.rate_limits:
-            parts.append((np.eye(self.m), self.c_last + self.dc_max))
-            parts.append((-np.eye(self.m), self.dc_max - self.c_last))
-        parts.append((self.A, self.b))
-        return np.vstack([rows for rows, _ in parts]), np.concatenate([b for _, b in parts])
+    def violation_scales(self) -> tuple[Array, Array]:
+        """What one unit of relative violation means, for each linear limit and each cone.
+
+        A contact's *reach* is the normal force that alone would use up the tightest range among its
+        joints' torques and its ceiling. A cone may be violated by mu·reach, a ceiling or floor by
+        reach, a torque limit or a rate limit by half its range, a row of A by what forces of the
+        size of reach make.
+
+        Returns:
+            scales of all rows that :meth:`linear_limits` keeps, shape (v,), and of the cones,
+            shape (n,).
+        """
+        layout, active = self.layout, self.active
+        half = (self.tau_hi - self.tau_lo) / 2
+        with np.errstate(divide="ignore"):
+            reach = (2 * half / np.abs(self.J[self.starts[:-1]])).min(axis=1, initial=np.inf)
+        if layout.ceilings:
+            reach = np.minimum(reach, self.engagement * self.c_max)
+        known = reach[np.isfinite(reach) & active]
+        fallback = known.max() if known.size else float(np.abs(self.f).max()) or 1.0
+        reach = np.where(np.isfinite(reach), reach, fallback)
+        own = np.abs(self.A) @ np.repeat(reach * active, layout.dims)
+        rows = [half] * 2 + [reach] * (layout.ceilings + layout.floors)
+        rows += [self.dc_max] * (2 * layout.rate_limits)
+        rows += [np.where(own > 0, own, np.maximum(np.abs(self.b), fallback))]
+        return np.concatenate(rows)[self.counted_limits()], self.mu * reach
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"a ForceProblem is frozen; use problem.replace({name}=…)")
@@ -324,13 +403,45 @@ class ForceProblem:
         )
 
 
-def _model(dim: int, mu: float, gamma: float) -> ContactModel:
-    return FPC() if dim == 1 else PCWF(mu) if dim == 3 else SFC(mu, gamma)
+def all_limits(layout: Layout, fields: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return all linear limits of a problem, or of a batch of them, as ``A c ≤ b``.
+
+    Args:
+        layout: of the problems.
+        fields: the problems' fields by name, with any leading axes, see :meth:`Layout.views`.
+
+    Returns:
+        A, shape (…, v, m), and b, shape (…, v), in the order of :meth:`ForceProblem.linear_limits`.
+    """
+    parts = [
+        equations.torque_limits(
+            fields["J"], *(fields[name] - fields["tau_bias"] for name in ("tau_lo", "tau_hi"))
+        )
+    ]
+    if layout.ceilings:
+        parts.append(equations.ceilings(layout.dims, fields["engagement"], fields["c_max"]))
+    if layout.floors:
+        normals, floors = equations.ceilings(layout.dims, fields["engagement"], fields["c_min"])
+        parts.append((-normals, -floors))
+    if layout.rate_limits:
+        unit = np.eye(sum(layout.dims))
+        parts.append((unit, fields["c_last"] + fields["dc_max"]))
+        parts.append((-unit, fields["dc_max"] - fields["c_last"]))
+    parts.append((fields["A"], fields["b"]))
+    batch = fields["f"].shape[:-1]
+    rows = [np.broadcast_to(A, batch + A.shape[-2:]) for A, _ in parts]
+    return np.concatenate(rows, axis=-2), np.concatenate([b for _, b in parts], axis=-1)
+
+
+def _touches(rows: Array, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which rows of limits count: not those that touch contacts, but none that is kept."""
+    entries = rows != 0
+    return entries[:, kept].any(axis=1) | ~entries.any(axis=1)
 
 
 def _models_for(models: ContactModel | Sequence[ContactModel], m: int) -> tuple[ContactModel, ...]:
     each = as_models(models)
-    if isinstance(models, PCWF | SFC) or len(each) == 1:
+    if len(each) == 1:
         each = each * max(1, m // each[0].dim)
     total = sum(model.dim for model in each)
     if total != m:
@@ -356,9 +467,9 @@ def _check_values(layout: Layout, packed: Array) -> None:
     Raises:
         InvalidInputError: there is one.
     """
-    flaw = _native.module.find_flaw(layout, packed)
+    flaw = native.module.find_flaw(layout, packed)
     if flaw is not None:
-        _native.refuse(flaw)
+        native.refuse(flaw)
 
 
 def _together(arguments: dict[str, object]) -> None:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import (
+from graspforce._util.arrays import (
     Array,
     as_array,
     as_integer,

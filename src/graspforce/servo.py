@@ -14,15 +14,14 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from graspforce import _engine
-from graspforce._arrays import Array, require_instance, require_keywords
+from graspforce._engine import dispatch
+from graspforce._engine.layout import FIELDS
+from graspforce._engine.outcome import Status
+from graspforce._engine.settings import DEFAULT, Settings
+from graspforce._util.arrays import Array, require_instance, require_keywords
 from graspforce.errors import InvalidInputError
-from graspforce.layout import FIELDS
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem, ProblemArguments
-from graspforce.settings import Settings
 from graspforce.solution import Solution
-from graspforce.solve import DEFAULT
 
 
 class Servo:
@@ -97,7 +96,7 @@ class Servo:
         self._settings = DEFAULT if settings is None else settings
         require_instance(self._settings, "settings", Settings)
         self._layout = problem.layout
-        self._backend = backend = _engine.make_servo(problem, self._settings, Solution)
+        self._backend = backend = dispatch.make_servo(problem, self._settings, Solution)
         self._fields = self._layout.views(backend.numbers)
         self._step = backend.step
         self.tick = backend.tick

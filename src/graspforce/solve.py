@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce import _engine
-from graspforce._arrays import require_instance
+from graspforce._engine import dispatch
+from graspforce._engine.settings import DEFAULT, Settings
+from graspforce._util.arrays import require_instance
 from graspforce.problem import ForceProblem
-from graspforce.settings import Settings
 from graspforce.solution import Solution
-
-DEFAULT = Settings()
 
 
 def solve(
@@ -43,7 +41,7 @@ def solve(
         settings = DEFAULT
     elif settings.__class__ is not Settings:
         require_instance(settings, "settings", Settings)
-    solution = _engine.solve(problem, settings, start, Solution)
+    solution = dispatch.solve(problem, settings, start, Solution)
     if check is not False:
         require_instance(check, "check", bool | np.bool_, "True or False")
         if check:

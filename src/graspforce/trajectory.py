@@ -2,7 +2,8 @@
 
 A motion is data: asked for a time, it returns position, yaw and their first two derivatives in
 closed form. The paper moves its cube on a horizontal circle while it turns to and fro about the
-vertical (Section IV-B), and holds it still at a pose (Section IV-A). :func:`wrench` turns a
+vertical (Section IV-B), and holds it still at a pose (Section IV-A); :class:`Move`,
+:class:`Sway` and :class:`Screw` are further ones, which begin at rest. :func:`wrench` turns a
 motion into the f of W c = f: weight, inertia and angular acceleration.
 
 Everything is in world axes, z up. Torques are about the centre of mass.
@@ -12,12 +13,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_positive
+from graspforce._util.arrays import Array, as_array, as_positive
 from graspforce.errors import InvalidInputError
 
 GRAVITY = 9.81  # [m/s²]
@@ -100,10 +101,10 @@ class Circle:
 
     Args:
         centre: shape (3,) [m].
-        radius: [m].
+        radius: of the circle [m].
         period: time of one turn [s].
-        yaw_amplitude: [rad]; 0 or negative is fine.
-        yaw_frequency: [Hz].
+        yaw_amplitude: of the sine, any sign [rad].
+        yaw_frequency: of the sine [Hz].
     """
 
     centre: tuple[float, float, float]
@@ -140,6 +141,125 @@ class Circle:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Move:
+    """A straight line from rest to rest, with continuous acceleration.
+
+    Args:
+        start: shape (3,) [m].
+        way: from there to the end, shape (3,) [m].
+        begin: time at which the motion begins [s].
+        duration: of the motion [s].
+    """
+
+    start: Array
+    way: Array
+    begin: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        _check(self, vectors=("start", "way"), numbers=("begin",), positive=("duration",))
+
+    def at(self, t: float) -> State:
+        """Return the state at time t [s]."""
+        s = min(max((_number(t, "t") - self.begin) / self.duration, 0.0), 1.0)
+        return State(
+            self.start + s**3 * (10 - 15 * s + 6 * s**2) * self.way,
+            30 * s**2 * (1 - s) ** 2 / self.duration * self.way,
+            60 * s * (1 - s) * (1 - 2 * s) / self.duration**2 * self.way,
+            0.0, 0.0, 0.0,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sway:
+    """A periodic motion between two poses, in position and yaw; from rest.
+
+    Args:
+        start: shape (3,) [m].
+        way: from there to the other pose, shape (3,) [m]; y has twice the frequency.
+        yaw: at the other pose [rad].
+        begin: time at which the motion begins [s].
+        period: of x, z and yaw [s].
+    """
+
+    start: Array
+    way: Array
+    yaw: float
+    begin: float
+    period: float
+
+    def __post_init__(self) -> None:
+        _check(self, vectors=("start", "way"), numbers=("yaw", "begin"), positive=("period",))
+
+    def at(self, t: float) -> State:
+        """Return the state at time t [s]."""
+        time = max(_number(t, "t") - self.begin, 0.0)
+        w = 2 * math.pi / self.period * np.array([1.0, 2.0, 1.0, 1.0])
+        far = np.append(self.way, self.yaw) / 2
+        place = far * (1 - np.cos(w * time))
+        rate = far * w * np.sin(w * time)
+        curve = far * w**2 * np.cos(w * time) * (t >= self.begin)
+        return State(
+            self.start + place[:3], rate[:3], curve[:3],
+            float(place[3]), float(rate[3]), float(curve[3]),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Screw:
+    """A turn about the vertical that advances along it, from rest to rest.
+
+    The rate rises to its constant value and falls again with continuous angular acceleration.
+
+    Args:
+        start: shape (3,) [m].
+        angle: of the whole turn [rad].
+        rate: of the turn between rise and fall [rad/s].
+        ramp: how long rise and fall take, each [s].
+        pitch: advance along z in a whole turn [m].
+    """
+
+    start: Array
+    angle: float
+    rate: float
+    ramp: float
+    pitch: float
+
+    def __post_init__(self) -> None:
+        _check(self, vectors=("start",), numbers=("pitch",), positive=("angle", "rate", "ramp"))
+
+    @property
+    def duration(self) -> float:
+        """When it comes to rest [s]."""
+        return self.angle / self.rate + self.ramp
+
+    def at(self, t: float) -> State:
+        """Return the state at time t [s]."""
+        rise, fall = _number(t, "t") / self.ramp, (t - self.angle / self.rate) / self.ramp
+        yaw, rate, acceleration = (
+            self.rate * size * (_rise(rise, order) - _rise(fall, order))
+            for order, size in enumerate((self.ramp, 1.0, 1 / self.ramp))
+        )
+        advance = np.array([0.0, 0.0, self.pitch / (2 * math.pi)])
+        return State(
+            self.start + yaw * advance, rate * advance, acceleration * advance,
+            yaw, rate, acceleration,
+        )  # fmt: skip
+
+
+def _rise(s: float, order: int) -> float:
+    """Return the integral from 0 of the smooth step s³(10 − 15 s + 6 s²), or its derivatives."""
+    x = min(max(s, 0.0), 1.0)
+    match order:
+        case 0:
+            return x**4 * (2.5 - 3 * x + x**2) + max(s - 1, 0.0)
+        case 1:
+            return x**3 * (10 - 15 * x + 6 * x**2)
+        case _:
+            return 30 * x**2 * (1 - x) ** 2
+
+
 def wrench(
     mass: float,
     inertia: ArrayLike,
@@ -151,7 +271,7 @@ def wrench(
     """Return the wrench that the fingers must exert for a motion, about the centre of mass.
 
     Args:
-        mass: [kg].
+        mass: of the body [kg].
         inertia: about the centre of mass in world axes, shape (3, 3), symmetric and positive
             definite; or a scalar, the moment about a vertical principal axis, for bodies that
             turn about the vertical only [kg·m²].
@@ -191,6 +311,19 @@ def wrench(
         torque = tensor @ omega_dot + np.cross(omega, tensor @ omega)
     force = m * (a + np.array([0.0, 0.0, _number(gravity, "gravity")]))
     return np.concatenate((force, torque))
+
+
+def _check(
+    motion: Any, vectors: tuple[str, ...], numbers: tuple[str, ...], positive: tuple[str, ...]
+) -> None:
+    """Put checked values in the place of a motion's arguments."""
+    checked: dict[str, Any] = {
+        **{name: as_array(getattr(motion, name), name, (3,)) for name in vectors},
+        **{name: _number(getattr(motion, name), name) for name in numbers},
+        **{name: as_positive(getattr(motion, name), name) for name in positive},
+    }
+    for name, value in checked.items():
+        object.__setattr__(motion, name, value)
 
 
 def _number(value: float, name: str) -> float:

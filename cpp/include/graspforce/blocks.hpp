@@ -10,6 +10,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <utility>
 #include <vector>
@@ -33,6 +34,7 @@ class Arena {
   double* take(std::size_t count) {
     double* here = next_;
     next_ += count;
+    assert(next_ <= storage_.data() + storage_.size());
     return here;
   }
 
@@ -193,7 +195,7 @@ class Blocks {
     const int m = layout_.components();
     for (int i = 0; i < part.components.size(); ++i)
       for (int r = 0; r < k_; ++r)
-        part.Wt[i * k_ + r] = p.W[rows_in_use_[r] * m + part.components[i]];
+        part.Wt[i * k_ + r] = p.W[entry_at(rows_in_use_[r], part.components[i], m)];
     for (int r = 0; part.slack_row >= 0 && r < k_; ++r)
       part.Wt[r] = rows_in_use_[r] == part.slack_row ? p.f_soft[part.slack_row] : 0;
   }
@@ -203,14 +205,16 @@ class Blocks {
     double* a = part.a;
     int r = 0;
     for (int joint : block.joints) {
-      for (int i = 0; i < part.q; ++i) a[i] = p.J[block.components[i] * layout_.joints + joint];
+      for (int i = 0; i < part.q; ++i)
+        a[i] = p.J[entry_at(block.components[i], joint, layout_.joints)];
       part.lo[r] = p.tau_lo[joint] - p.tau_bias[joint];
       part.hi[r] = p.tau_hi[joint] - p.tau_bias[joint];
       a += part.q;
       ++r;
     }
     for (int row : block.inequalities) {
-      for (int i = 0; i < part.q; ++i) a[i] = p.A[row * layout_.components() + block.components[i]];
+      for (int i = 0; i < part.q; ++i)
+        a[i] = p.A[entry_at(row, block.components[i], layout_.components())];
       part.lo[r] = -kInfinity;
       part.hi[r] = p.b[row];
       a += part.q;

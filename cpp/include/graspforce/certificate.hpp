@@ -56,15 +56,15 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
         slop[c] += unit * std::abs(value);
       };
       for (int j = 0; j < joints; ++j) {
-        const double lever = p.J[(start + c) * joints + j];
+        const double lever = p.J[entry_at(start + c, j, joints)];
         term(lever * z_hi[j]);
         term(-lever * z_lo[j]);
       }
       if (c == 0 && layout.ceilings) term(z_max[i]);
       if (c == 0 && layout.floors) term(-z_min[i]);
       if (layout.rate_limits) term(z_up[start + c]), term(-z_down[start + c]);
-      for (int r = 0; r < rows; ++r) term(p.A[r * m + start + c] * z_A[r]);
-      for (int r = 0; r < k; ++r) term(-p.W[r * m + start + c] * y[r]);
+      for (int r = 0; r < rows; ++r) term(p.A[entry_at(r, start + c, m)] * z_A[r]);
+      for (int r = 0; r < k; ++r) term(-p.W[entry_at(r, start + c, m)] * y[r]);
     }
     // Not by squares, which vanish where the multipliers are small: a proof has no unit.
     double tangent = 0, radius = 0;

@@ -19,6 +19,9 @@ enum Changed : unsigned {
   kChangedJacobian = 2,  // J
   kChangedRest = 4,      // anything else
   kChangedAll = 7,
+  // With kChangedJacobian: J has no entry outside the blocks of the last tick, as the caller knows.
+  // Without it every entry is read to see so.
+  kJacobianKept = 8,
 };
 
 // What the numbers of a field may be.

@@ -156,8 +156,10 @@ class LaneBarrier {
   // Whether the forces are out of all proportion to the limits.
   bool runaway() const {
     Lanes force = {}, size = {};
-    for (const Group& group : *this) GRASPFORCE_UNROLL
-    for (int i = 0; i < Q; ++i) force = max(force, group.mask[i] * abs(group.c[i]));
+    for (const Group& group : *this) {
+      GRASPFORCE_UNROLL
+      for (int i = 0; i < Q; ++i) force = max(force, group.mask[i] * abs(group.c[i]));
+    }
     const double largest = greatest(force);
     if (largest <= 1e-3 * kRunaway * largest_f_) return false;  // nearly always
     for (const Group& group : *this) size = max(size, group.size(layout_));
@@ -205,8 +207,10 @@ class LaneBarrier {
   }
 
   void advance(double t) {
-    for (Group& group : *this) GRASPFORCE_UNROLL
-    for (int i = 0; i < Q; ++i) group.c[i] += t * group.d[i];
+    for (Group& group : *this) {
+      GRASPFORCE_UNROLL
+      for (int i = 0; i < Q; ++i) group.c[i] += t * group.d[i];
+    }
     if (layout_.soft_wrench)
       for (int r = 0; r < 2 * kLanes; ++r) s_[r] += t * ds_[r];
   }

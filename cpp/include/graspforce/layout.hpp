@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstddef>
+#include <tuple>
 #include <vector>
 
 #include "graspforce/fields.hpp"
@@ -27,6 +28,11 @@ inline constexpr double kBalanced = 1e-10;
 // what stops them there is rounding in the problem's numbers.
 inline constexpr double kRunaway = 1e6;
 
+// Where an entry of a row-major matrix of so many columns stands.
+inline std::size_t entry_at(int row, int column, int columns) {
+  return static_cast<std::size_t>(row) * columns + column;
+}
+
 struct Layout {
   int wrench_rows = 6;        // k, rows of W
   std::vector<Model> models;  // n contacts
@@ -36,6 +42,14 @@ struct Layout {
   bool floors = false;        // c_min given
   bool rate_limits = false;   // c_last and dc_max given
   bool soft_wrench = false;   // f_soft given
+
+  bool operator==(const Layout& other) const {
+    const auto sizes = [](const Layout& l) {
+      return std::tie(l.wrench_rows, l.models, l.joints, l.inequalities, l.ceilings, l.floors,
+                      l.rate_limits);
+    };
+    return sizes(*this) == sizes(other);
+  }
 
   // Where a contact's components start in c.
   int first(int contact) const {

@@ -136,19 +136,25 @@ class LeastSquares {
   // Norm of what a gradient g (block after block) has in the directions with W d = 0, by the
   // factors at hand, and the multipliers ν that fit it best.
   double project(const double* g, double* nu) {
-    std::copy_n(g, m_, p_.begin());
-    int first = 0;
-    for (std::size_t b = 0; b < G_.size(); ++b) {
-      const BlockData& part = blocks_.parts()[b];
-      solve_transposed(G_[b], part.q, width(part), p_.data() + first);
-      first += part.q;
-    }
-    for (int j = 0; j < k(); ++j) mirror(j);
+    enter_R(g);
     std::copy_n(p_.begin(), k(), nu);
     solve_upper(Z_.data(), k(), k() + 2, nu);
     double squared = 0;
     for (int i = k(); i < m_; ++i) squared += p_[i] * p_[i];
     return std::sqrt(squared);
+  }
+
+  // Solves Gᵀ G d + Wᵀ ν = g, W d = r by the factors at hand; g and d stand block after block.
+  void solve(const double* g, const double* r, double* d, double* nu) {
+    enter_R(g);
+    // W d = r gives the first k of p, and what it leaves of g there is the multipliers'.
+    std::copy_n(r, k(), top_.begin());
+    solve_transposed(Z_.data(), k(), k() + 2, top_.data());
+    for (int i = 0; i < k(); ++i) nu[i] = p_[i] - top_[i];
+    solve_upper(Z_.data(), k(), k() + 2, nu);
+    std::copy_n(top_.begin(), k(), p_.begin());
+    for (int j = k() - 1; j >= 0; --j) mirror(j);
+    leave_R(d);
   }
 
  private:
@@ -184,6 +190,18 @@ class LeastSquares {
     along *= beta_[j];
     p_[j] -= along;
     for (int i = j + 1; i < m_; ++i) p_[i] -= along * z(i)[j];
+  }
+
+  // p ← R⁻ᵀ g, in the coordinates in which the stack is reduced.
+  void enter_R(const double* g) {
+    std::copy_n(g, m_, p_.begin());
+    int first = 0;
+    for (std::size_t b = 0; b < G_.size(); ++b) {
+      const BlockData& part = blocks_.parts()[b];
+      solve_transposed(G_[b], part.q, width(part), p_.data() + first);
+      first += part.q;
+    }
+    for (int j = 0; j < k(); ++j) mirror(j);
   }
 
   void leave_R(double* d) {

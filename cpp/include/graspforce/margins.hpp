@@ -40,11 +40,12 @@ inline Margins find_margins(const Layout& layout, const Problem& p, const double
   };
   bool counts;
   for (int j = 0; j < joints; ++j) {
-    const double tau = along([&](int i) { return p.J[i * joints + j]; }, counts) + p.tau_bias[j];
+    const double tau =
+        along([&](int i) { return p.J[entry_at(i, j, joints)]; }, counts) + p.tau_bias[j];
     if (counts) margins.torque = std::min({margins.torque, p.tau_hi[j] - tau, tau - p.tau_lo[j]});
   }
   for (int r = 0; r < layout.inequalities; ++r) {
-    const double t = along([&](int i) { return p.A[r * m + i]; }, counts);
+    const double t = along([&](int i) { return p.A[entry_at(r, i, m)]; }, counts);
     if (counts) margins.limit = std::min(margins.limit, p.b[r] - t);
   }
   for (int i = 0, start = 0; i < layout.contacts(); start += static_cast<int>(layout.models[i++])) {
@@ -58,7 +59,7 @@ inline Margins find_margins(const Layout& layout, const Problem& p, const double
       margins.limit = std::min(margins.limit, p.dc_max[j] - std::abs(c[j] - p.c_last[j]));
   }
   for (int r = 0; r < layout.wrench_rows; ++r) {
-    const double w = along([&](int i) { return p.W[r * m + i]; }, counts);
+    const double w = along([&](int i) { return p.W[entry_at(r, i, m)]; }, counts);
     margins.wrench_error = std::max(margins.wrench_error, std::abs(w - p.f[r]));
   }
   return margins;

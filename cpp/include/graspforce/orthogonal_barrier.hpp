@@ -39,7 +39,7 @@ class OrthogonalBarrier : public BlockPoint {
       }
       for (const Tip& tip : part(b).tips) {
         const int dim = tip.cone.dim;
-        double s[4], z[4], scaled[4], V[16];
+        double s[4] = {}, z[4], scaled[4], V[16];
         tip.cone.lift(c(b) + tip.first, s);
         lorentz::center(s, dim, cone_weight_, z);
         lorentz::scale(s, z, dim, V, scaled);

@@ -37,13 +37,16 @@ class RankExamination {
   const std::vector<int>& exact_rows() const { return exact_; }
   // These, and the soft ones, which are independent of all others by their slacks.
   const std::vector<int>& rows() const { return rows_; }
-  bool deficient() const { return static_cast<int>(rows_.size()) < k_; }
-  bool reachable() const { return reachable_; }  // f lies in the range of W
-  bool overflows() const { return overflows_; }  // nothing can be said about that
+  bool deficient() const { return deficient_; }  // by the last run; false before the first
+  bool overflows() const { return overflows_; }  // whether f is reachable cannot be told
+  bool unreachable() const { return known_ && (overflows_ || !reachable_); }
+  bool known() const { return known_; }  // there was a run since `forget`
+  void forget() { known_ = false; }
 
   // Gram-Schmidt with pivoting and reorthogonalisation over the rows of W; contacts out of the
   // grasp do not count.
   void run(const Problem& p) {
+    known_ = true;
     scale_rows(p);
     exact_.clear();
     for (int best = longest_row(); best >= 0; best = longest_row()) {
@@ -54,6 +57,7 @@ class RankExamination {
     rows_ = exact_;
     for (int r = 0; r < k_; ++r)
       if (is_soft(p, r)) rows_.push_back(r);
+    deficient_ = static_cast<int>(rows_.size()) < k_;
     // Eliminating a row from another eliminates it from f as well; what is left of f on a row that
     // has vanished is out of reach.
     double largest_f = 0;  // what rounding in f is measured by
@@ -102,7 +106,7 @@ class RankExamination {
       double sum = 0, largest = 0;
       for (int i = 0, c = 0; i < layout_.contacts(); ++i)
         for (int d = 0; d < static_cast<int>(layout_.models[i]); ++d, ++c) {
-          row(r)[c] = p.in_grasp(i) ? p.W[static_cast<std::size_t>(r) * m_ + c] : 0;
+          row(r)[c] = p.in_grasp(i) ? p.W[entry_at(r, c, m_)] : 0;
           largest = std::max(largest, std::abs(row(r)[c]));
         }
       for (int c = 0; c < m_ && largest > 0; ++c) sum += std::pow(row(r)[c] / largest, 2);
@@ -148,7 +152,7 @@ class RankExamination {
   std::vector<double> Q_, f_, size_, length_;
   std::vector<char> used_;
   std::vector<int> exact_, rows_;
-  bool reachable_ = true, overflows_ = false;
+  bool known_ = false, deficient_ = false, reachable_ = true, overflows_ = false;
 };
 
 }  // namespace graspforce

@@ -6,18 +6,14 @@
 #pragma once
 
 #include <algorithm>
-#include <memory>
-#include <vector>
 
+#include "graspforce/double_buffer.hpp"
 #include "graspforce/engine.hpp"
 #include "graspforce/margins.hpp"
 #include "graspforce/problem_data.hpp"
 #include "graspforce/validity.hpp"
 
 namespace graspforce {
-
-// The numbers of one tick's problem, packed; whoever keeps them keeps them unchanged.
-using Snapshot = std::shared_ptr<const std::vector<double>>;
 
 class Servo : public ProblemData {
  public:
@@ -29,9 +25,7 @@ class Servo : public ProblemData {
       : ProblemData(layout),
         settings(limits),
         engine_(layout),
-        at_(layout),
-        now_(std::make_shared<std::vector<double>>(at_.size)),
-        next_(std::make_shared<std::vector<double>>(at_.size)) {}
+        numbers_(layout, engine_.structure()) {}
 
   using ProblemData::operator=;  // all fields at once
 
@@ -62,56 +56,55 @@ class Servo : public ProblemData {
 
   // The problem of the last tick that was not refused. While it is kept, a later tick makes itself
   // new memory; this is the one thing that lets a tick allocate.
-  Snapshot snapshot() const { return now_; }
+  Snapshot snapshot() const { return numbers_.snapshot(); }
 
   // The torque that a joint's motor has to give: J.T c + tau_bias [N·m].
   double torque(int joint) const {
-    const Problem p(at_, now_->data());
+    const Problem p(offsets(), numbers_.now());
     double tau = p.tau_bias[joint];
     for (int i = 0; i < layout().components(); ++i)
-      tau += p.J[i * layout().joints + joint] * engine_.forces()[i];
+      tau += p.J[entry_at(i, joint, layout().joints)] * engine_.forces()[i];
     return tau;
   }
 
   // None at all before the first tick.
   Margins margins() const {
     if (!ticked_) return {0, 0, 0, 0};
-    return find_margins(layout(), Problem(at_, now_->data()), engine_.forces());
+    return find_margins(layout(), Problem(offsets(), numbers_.now()), engine_.forces());
   }
 
   // For the certificate of an infeasible tick.
   const Engine& engine() const { return engine_; }
   bool ticked() const { return ticked_; }
-  const Offsets& offsets() const { return at_; }
+  const Offsets& offsets() const { return numbers_.offsets(); }
 
  protected:
   // Makes the fields as they stand the snapshot that there is before the first tick.
-  void take_first_snapshot() { std::copy_n(packed(), at_.size, now_->begin()); }
+  void take_first_snapshot() { std::copy_n(packed(), packed_size(), numbers_.now()); }
 
-  // A tick in three parts, for callers that have numbers of their own beside the fields: copy the
-  // fields, write over the copy (`staged`), then ask and solve.
-  void stage() {
-    if (next_.use_count() > 1) next_ = std::make_shared<std::vector<double>>(at_.size);
-    finite_ = copy_finite(packed(), next_->data(), at_.size);
-  }
-  double* staged() { return next_->data(); }
+  // A tick in three parts, for callers that have numbers of their own beside the fields: stage the
+  // fields, stage other numbers in the place of some, then ask and solve; `restore` copies staged
+  // numbers back to a field.
+  void stage() { numbers_.stage(packed()); }
   void stage(const double* numbers, std::size_t offset, std::size_t count) {
-    finite_ &= copy_finite(numbers, staged() + offset, count);
+    numbers_.stage(numbers, offset, count);
   }
+  void restore(std::size_t offset, std::size_t count) { numbers_.restore(packed(), offset, count); }
 
   // Whether the staged numbers make no problem; refusal() says why.
   bool refuses() {
-    changed_ = ticked_ ? find_changes(at_, now_->data(), next_->data()) : unsigned(kChangedAll);
-    refusal_ = finite_ && !(changed_ & kChangedRest) ? Flaw{}
-                                                     : find_flaw(layout(), next_->data(), finite_);
+    changed_ = ticked_ ? numbers_.changes() : unsigned(kChangedAll);
+    const bool finite = numbers_.finite();
+    refusal_ = finite && !(changed_ & kChangedRest) ? Flaw{}
+                                                    : find_flaw(layout(), numbers_.next(), finite);
     return bool(refusal_);
   }
 
   // Where rates are limited, forces that were found become the last ones of the next tick.
   const Result& solve_staged() {
-    now_.swap(next_);
+    numbers_.swap();
     ticked_ = true;
-    const Result& result = engine_.tick(now_->data(), settings, changed_);
+    const Result& result = engine_.tick(numbers_.now(), settings, changed_);
     if (layout().rate_limits && result.status == Status::Solved)
       std::copy_n(engine_.forces(), c_last.size(), c_last.begin());
     return result;
@@ -119,31 +112,10 @@ class Servo : public ProblemData {
 
  private:
   Engine engine_;
-  Offsets at_;
-  std::shared_ptr<std::vector<double>> now_, next_;  // of the last tick, and of the next
+  DoubleBuffer numbers_;
   Flaw refusal_;
   unsigned changed_ = kChangedAll;
-  bool ticked_ = false, finite_ = true;
+  bool ticked_ = false;
 };
-
-inline const char* to_string(Status status) {
-  switch (status) {
-    case Status::Solved:
-      return "SOLVED";
-    case Status::Infeasible:
-      return "INFEASIBLE";
-    case Status::WrenchUnreachable:
-      return "WRENCH_UNREACHABLE";
-    case Status::Unbounded:
-      return "UNBOUNDED";
-    case Status::MaxSteps:
-      return "MAX_STEPS";
-    case Status::Stalled:
-      return "STALLED";
-    case Status::InvalidNumbers:
-      break;
-  }
-  return "INVALID_NUMBERS";
-}
 
 }  // namespace graspforce

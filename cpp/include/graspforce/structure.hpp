@@ -18,30 +18,61 @@ namespace graspforce {
 
 using Indices = Span<const int>;
 
-// The entries of a row-major matrix that have to be zero, as windows of four side by side (which
-// may overlap) and those that have no such neighbours.
-class Zeros {
+// The entries of a row-major matrix that have to be zero (outside), as windows of four side by side
+// (which may overlap) and those that have no such neighbours; and where they are nearly all, the
+// list of the others (inside). Entries are counted in ints: a matrix of more would take 16 GB.
+class Pattern {
  public:
   void reserve(std::size_t entries) {
     fours_.reserve(entries / 2 + kAtOnce);
     ones_.reserve(entries);
+    inside_.reserve(entries / kSparse);
   }
 
   template <class Outside>
   void find(int rows, int columns, Outside outside) {
     fours_.clear();
     ones_.clear();
+    inside_.clear();
     const int count = rows * columns;
+    sparse_ = count >= kWorthALook;
     for (int at = 0, end; at < count; at = end + 1) {
       for (end = at; end < count && outside(end / columns, end % columns);) ++end;
       for (int i = at; end - at < 4 && i < end; ++i) ones_.push_back(i);
       for (int i = at; end - at >= 4 && i < end; i += 4) fours_.push_back(std::min(i, end - 4));
+      if (end == count || !sparse_) continue;
+      if (inside_.size() < std::size_t(count) / kSparse)
+        inside_.push_back(end);
+      else
+        sparse_ = false;
     }
     while (fours_.size() % kAtOnce != 0) fours_.push_back(fours_.back());
   }
 
-  // Whether any of them is not.
-  bool any(const double* entries) const {
+  // Whether the list of the entries inside is there, and worth the trouble.
+  bool sparse() const { return sparse_; }
+
+  // Of a sparse matrix: copies the entries inside; false unless all of them are finite.
+  bool copy_inside(const double* from, double* to) const {
+    constexpr std::uint64_t kExponent = std::uint64_t{0x7ff} << 52;
+    bool finite = true;
+    for (int at : inside_) {
+      std::uint64_t bits;
+      std::memcpy(&bits, from + at, sizeof bits);
+      std::memcpy(to + at, &bits, sizeof bits);
+      finite &= (bits & kExponent) != kExponent;
+    }
+    return finite;
+  }
+  // Whether two sparse matrices have the same bits inside.
+  bool same_inside(const double* a, const double* b) const {
+    for (int at : inside_)
+      if (std::memcmp(a + at, b + at, sizeof(double)) != 0) return false;
+    return true;
+  }
+
+  // Whether all entries outside are zero.
+  bool holds(const double* entries) const {
     typedef std::uint64_t Bits __attribute__((vector_size(32)));
     constexpr std::uint64_t kMagnitude = ~std::uint64_t{0} >> 1;  // all bits but the sign
     Bits found_in[kAtOnce] = {}, bits;
@@ -56,13 +87,16 @@ class Zeros {
       std::memcpy(&one, entries + at, sizeof one);
       found |= one;
     }
-    return (found & kMagnitude) != 0;
+    return (found & kMagnitude) == 0;
   }
 
  private:
-  static constexpr int kAtOnce = 4;  // windows that are looked at side by side
+  static constexpr int kAtOnce = 4;         // windows that are looked at side by side
+  static constexpr int kSparse = 4;         // entries for each inside, at least
+  static constexpr int kWorthALook = 1024;  // entries from which on a copy of all takes longer
 
-  std::vector<int> fours_, ones_;
+  std::vector<int> fours_, ones_, inside_;
+  bool sparse_ = false;
 };
 
 struct Block {
@@ -94,13 +128,16 @@ class Structure {
     components_.resize(m);
     joints_.resize(layout.joints);
     inequalities_.resize(layout.inequalities);
-    outside_J_.reserve(static_cast<std::size_t>(m) * layout.joints);
-    outside_A_.reserve(static_cast<std::size_t>(m) * layout.inequalities);
+    J_.reserve(static_cast<std::size_t>(m) * layout.joints);
+    A_.reserve(static_cast<std::size_t>(m) * layout.inequalities);
   }
 
   int start(int contact) const { return start_[contact]; }
   int dim(int contact) const { return start_[contact + 1] - start_[contact]; }
   const std::vector<Block>& blocks() const { return blocks_; }
+  const Pattern& jacobian() const { return J_; }
+  // How often the blocks have been found: while it stays, so does the pattern.
+  unsigned generation() const { return generation_; }
 
   // True when this structure still holds: the same contacts in the grasp, no entry of J or A
   // outside their blocks. Only what has changed is looked at.
@@ -109,23 +146,24 @@ class Structure {
     if (changed & kChangedRest) {
       for (int i = 0; i < layout_.contacts(); ++i)
         if (p.in_grasp(i) != (block_of_contact_[i] != kNone)) return false;
-      if (outside_A_.any(p.A)) return false;
+      if (!A_.holds(p.A)) return false;
     }
-    if (changed & kChangedJacobian && outside_J_.any(p.J)) return false;
+    if (changed & kChangedJacobian && !(changed & kJacobianKept) && !J_.holds(p.J)) return false;
     return all_in_grasp_ || !(changed & (kChangedJacobian | kChangedRest)) || same_limits_count(p);
   }
 
   // Finds the blocks. Does not allocate.
   void find(const Problem& p) {
     const int n = layout_.contacts(), m = layout_.components();
+    ++generation_;
     auto takes_part = [&](int contact) { return p.in_grasp(contact); };
     std::iota(parent_.begin(), parent_.end(), 0);
     for (int j = 0; j < layout_.joints; ++j)
       block_of_joint_[j] =
-          unite(takes_part, [&](int c) { return p.J[std::size_t(c) * layout_.joints + j] != 0; });
+          unite(takes_part, [&](int c) { return p.J[entry_at(c, j, layout_.joints)] != 0; });
     for (int r = 0; r < layout_.inequalities; ++r)
       block_of_inequality_[r] =
-          unite(takes_part, [&](int c) { return p.A[std::size_t(r) * m + c] != 0; });
+          unite(takes_part, [&](int c) { return p.A[entry_at(r, c, m)] != 0; });
 
     blocks_.clear();
     all_in_grasp_ = true;
@@ -158,10 +196,10 @@ class Structure {
       return block != kNone && other != kNone && other != block;
     };
     auto block_of = [&](int component) { return block_of_contact_[contact_of_[component]]; };
-    outside_J_.find(m, layout_.joints,
-                    [&](int c, int j) { return outside(block_of(c), block_of_joint_[j]); });
-    outside_A_.find(layout_.inequalities, m,
-                    [&](int r, int c) { return outside(block_of(c), block_of_inequality_[r]); });
+    J_.find(m, layout_.joints,
+            [&](int c, int j) { return outside(block_of(c), block_of_joint_[j]); });
+    A_.find(layout_.inequalities, m,
+            [&](int r, int c) { return outside(block_of(c), block_of_inequality_[r]); });
   }
 
  private:
@@ -178,10 +216,11 @@ class Structure {
       return (block != kNone) == (inside || !outside);
     };
     for (int j = 0; j < layout_.joints; ++j)
-      if (!same(block_of_joint_[j], [&](int c) { return p.J[c * layout_.joints + j]; }))
+      if (!same(block_of_joint_[j], [&](int c) { return p.J[entry_at(c, j, layout_.joints)]; }))
         return false;
     for (int r = 0; r < layout_.inequalities; ++r)
-      if (!same(block_of_inequality_[r], [&](int c) { return p.A[r * m + c]; })) return false;
+      if (!same(block_of_inequality_[r], [&](int c) { return p.A[entry_at(r, c, m)]; }))
+        return false;
     return true;
   }
 
@@ -231,7 +270,8 @@ class Structure {
   std::vector<int> ends_;
   std::vector<Block> blocks_;
   bool all_in_grasp_ = true;
-  Zeros outside_J_, outside_A_;
+  Pattern J_, A_;
+  unsigned generation_ = 0;
 };
 
 }  // namespace graspforce

@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "graspforce/layout.hpp"
+#include "graspforce/structure.hpp"
 
 namespace graspforce {
 
@@ -25,13 +26,17 @@ inline bool copy_finite(const double* from, double* to, std::size_t count) {
   return infected == 0;
 }
 
-// What differs between two packed problems, as Engine::tick wants to know it.
-inline unsigned find_changes(const Offsets& at, const double* before, const double* now) {
+// What differs between two packed problems, as Engine::tick wants to know it. `sparse` is the
+// pattern of J where both are known to keep to a sparse one.
+inline unsigned find_changes(const Offsets& at, const double* before, const double* now,
+                             const Pattern* sparse = nullptr) {
   // Fields of one kind of change stand side by side: three comparisons are enough.
   auto differ = [&](std::size_t begin, std::size_t end) {
     return std::memcmp(before + begin, now + begin, (end - begin) * sizeof(double)) != 0;
   };
-  return (differ(0, at.f) ? kChangedMap : 0u) | (differ(at.J, at.tau_lo) ? kChangedJacobian : 0u) |
+  const bool J_differs =
+      sparse != nullptr ? !sparse->same_inside(before + at.J, now + at.J) : differ(at.J, at.tau_lo);
+  return (differ(0, at.f) ? kChangedMap : 0u) | (J_differs ? kChangedJacobian : 0u) |
          (differ(at.tau_lo, at.size) ? kChangedRest : 0u);
 }
 

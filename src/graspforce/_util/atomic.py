@@ -1,11 +1,11 @@
 """Write a file as a whole or not at all, and nothing but files.
 
-:func:`replacing` is how every file of the package is written. A regular file is written anew in a
-private folder beside it and takes its place with one rename, so nobody ever sees half of it, and
-whatever goes wrong before leaves the old one as it was. Pipes, terminals and other character
-devices are never replaced: they get the finished bytes as a stream.
+:func:`atomic_write` is how every file of the package is written. The new content goes to a private
+folder beside the file and takes its place with one rename, so nobody reads half of it, and an error
+before the rename leaves the old content. Pipes, terminals and other character devices are never
+replaced: they get the finished bytes as a stream.
 
-:func:`check_writable` and :func:`make_folder` find out before any long work whether that will do.
+The other functions find out before any long work whether that will do.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ import re
 import shutil
 import stat
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from graspforce.errors import InvalidInputError
 
-# How long to wait for a reader of a pipe: one that was started beside this process may be about to
-# open it, and a pipe without any must not block for ever.
-_PATIENCE = 5.0  # [s]
+# How long to wait for a reader of a pipe, which may have been started at the same time; without a
+# limit a pipe that nobody reads would block for ever.
+READER_TIMEOUT = 5.0  # [s]
 
 _PREFIX = ".graspforce-"
 
 
 @contextmanager
-def replacing(path: str | Path) -> Generator[Path]:
+def atomic_write(path: str | Path) -> Generator[Path]:
     """Give a temporary path to write to, whose content goes to ``path`` at a clean end.
 
     When the block raises, whatever ``path`` held is still there and the temporary file is gone. A
@@ -66,7 +66,7 @@ def replacing(path: str | Path) -> Generator[Path]:
 
 
 def check_writable(path: str | Path) -> None:
-    """Confirm, before any long work, that :func:`replacing` can write to ``path``.
+    """Confirm, before any long work, that :func:`atomic_write` can write to ``path``.
 
     Raises:
         InvalidInputError: it cannot: a directory, a socket, a block device, a file or folder that
@@ -82,6 +82,26 @@ def check_writable(path: str | Path) -> None:
                 pass
     except OSError as error:
         raise InvalidInputError(f"{path}: cannot write it: {error.strerror or error}") from error
+
+
+def check_output(path: str | Path, endings: Sequence[str] = (".json", ".npz", ".csv")) -> None:
+    """Confirm, before any long work, that ``path`` is a place for results.
+
+    Args:
+        path: where results shall go.
+        endings: of the file's name, those that will do.
+
+    Raises:
+        InvalidInputError: another ending; a directory, a socket or a block device; a file or
+            folder that must not be written to, or a folder that is not there.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in endings:
+        raise InvalidInputError(
+            f"{path}: got a file name ending in {path.suffix!r}, expected one in "
+            f"{' or '.join(endings)}"
+        )
+    check_writable(path)
 
 
 def make_folder(path: str | Path, name: str) -> Path:
@@ -206,7 +226,7 @@ def _open_stream(path: Path) -> int:
         return os.dup(own)  # shares the place in the file with whoever else writes to it
     if not path.is_fifo():
         return os.open(path, os.O_WRONLY)
-    end = time.monotonic() + _PATIENCE
+    end = time.monotonic() + READER_TIMEOUT
     while True:
         try:
             descriptor = os.open(path, os.O_WRONLY | os.O_NONBLOCK)

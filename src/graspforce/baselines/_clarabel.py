@@ -7,8 +7,8 @@ from typing import Any
 import clarabel  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 
+from graspforce._engine.outcome import Status
 from graspforce.baselines._conic import Answer, Pattern, Program, diagonal
-from graspforce.outcome import Status
 
 _STATUS = {"Solved": Status.SOLVED, "DualInfeasible": Status.UNBOUNDED,
            "MaxIterations": Status.MAX_STEPS}  # fmt: skip

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active
 from graspforce.baselines._stream import Found, Stream
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 
 

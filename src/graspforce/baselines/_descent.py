@@ -10,12 +10,12 @@ from collections.abc import Callable
 
 from numpy.typing import ArrayLike
 
-from graspforce import reference
-from graspforce._arrays import Array, as_array, as_positive, require_instance
-from graspforce.baselines._active import Active, answer, as_steps, run
+from graspforce import equations
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_array, as_positive, require_instance
+from graspforce.baselines._active import Active, as_steps, run, solution_from_gradient
 from graspforce.baselines._lmi import Lmi, Point, half_square_decrement, line_search
 from graspforce.baselines._start import feasible_start
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -54,11 +54,11 @@ def descend(
     guess = None if start is None else as_array(start, "start", (problem.m,))
 
     def method(view: Active) -> Solution:
-        c_p, N = reference.particular_and_nullspace(view.W, problem.f)
+        c_p, N = equations.particular_and_nullspace(view.W, problem.f)
         in_c = Lmi.of(view)
         lmi = in_c.substitute(c_p, N)
         steps = 0
-        x = N.T @ ((c_p if guess is None else guess[view.kept]) - c_p)
+        x = N.T @ ((c_p if guess is None else guess[problem.active_components]) - c_p)
         if guess is None or not lmi.at(x).inside:
             found = feasible_start(view)
             if isinstance(found, Solution):
@@ -79,6 +79,8 @@ def descend(
             x = x + line_search(point.spectrum(d), float(effort @ d), barrier) * d
             steps += 1
         c = c_p + N @ x
-        return answer(view, status, steps, c, view.normals + barrier * in_c.at(c).gradient)
+        return solution_from_gradient(
+            view, status, steps, c, view.normals + barrier * in_c.at(c).gradient
+        )
 
     return run(problem, method)

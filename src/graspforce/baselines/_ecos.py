@@ -7,9 +7,9 @@ from typing import Any
 import ecos  # pyright: ignore[reportMissingImports]
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.baselines._conic import Answer, Pattern, Program
-from graspforce.outcome import Status
 
 _STATUS = {0: Status.SOLVED, 2: Status.UNBOUNDED, -1: Status.MAX_STEPS}
 

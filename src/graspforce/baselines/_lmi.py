@@ -23,21 +23,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active
-from graspforce.contact import SFC, ContactModel
-from graspforce.reference import R_mu
+from graspforce.contact import ContactModel
 
 
 def friction_matrices(model: ContactModel) -> Array:
     """Return the matrices M of P = Σ_k M_k c_k, shape (dim, dim, dim): M[k] belongs to c_k."""
-    d = model.dim
+    d, scaling = model.dim, model.cone_scaling
     M = np.zeros((d, d, d))
-    M[0] = np.sqrt(-R_mu(model)[0, 0]) * np.eye(d)
+    M[0] = scaling[0] * np.eye(d)
     for k in range(1, d):
-        M[k, k - 1, d - 1] = M[k, d - 1, k - 1] = 1.0
-    if isinstance(model, SFC):
-        M[3] *= model.mu / model.gamma
+        M[k, k - 1, d - 1] = M[k, d - 1, k - 1] = scaling[k]
     return M
 
 

@@ -15,9 +15,9 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active
-from graspforce.contact import FPC, SFC, ContactModel
+from graspforce.contact import ContactModel
 from graspforce.errors import InvalidInputError
 
 Cones: TypeAlias = Literal["inner", "outer"]
@@ -67,16 +67,31 @@ def facet_rows(model: ContactModel, facets: int, inner: bool) -> Array:
 
     The regular polygon around a circle has its corners at 1/cos(pi/facets) radii, so that the
     one with cos(pi/facets)·mu is inside. A soft finger's ball takes such polygons of longitudes
-    and of latitudes, and the cosine twice.
+    and of latitudes, and the cosine twice; its torsion counts as (mu/gamma)·torsion.
     """
-    if isinstance(model, FPC):
-        return np.array([[-1.0]])
+    u, inside = _directions(model.dim - 1, facets)
+    height = np.full((len(u), 1), -inside if inner else -1.0)
+    return np.hstack((height, u)) * model.cone_scaling
+
+
+def _directions(tangents: int, facets: int) -> tuple[Array, float]:
+    """Return directions all around in the space of a contact's tangents, and what fits inside.
+
+    Args:
+        tangents: 0, 2 or 3.
+        facets: around the circle.
+
+    Returns:
+        Unit vectors u, shape (·, tangents), and the largest r for which all t with u·t ≤ r have
+        ‖t‖ ≤ 1.
+    """
+    if tangents == 0:
+        return np.zeros((1, 0)), 1.0
     around = 2 * math.pi * np.arange(facets) / facets
     u = np.column_stack((np.cos(around), np.sin(around)))
-    inside = math.cos(math.pi / facets) if inner else 1.0
-    if isinstance(model, SFC):
-        latitude = math.pi * (2 * np.arange(facets // 2 + 1) / facets - 0.5)
-        cos, sin = np.cos(latitude), np.sin(latitude) * model.mu / model.gamma
-        u = np.column_stack((np.kron(cos[:, None], u), np.repeat(sin, facets)))
-        inside = inside**2
-    return np.column_stack((np.full(len(u), -inside * model.mu), u))
+    inside = math.cos(math.pi / facets)
+    if tangents == 2:
+        return u, inside
+    latitude = math.pi * (2 * np.arange(facets // 2 + 1) / facets - 0.5)
+    ball = np.kron(np.cos(latitude)[:, None], u)
+    return np.column_stack((ball, np.repeat(np.sin(latitude), facets))), inside**2

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import qoco  # pyright: ignore[reportMissingTypeStubs]
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.baselines._conic import Answer, Pattern, Program, diagonal
-from graspforce.outcome import Status
 
 _STATUS = {"QOCO_SOLVED": Status.SOLVED, "QOCO_MAX_ITER": Status.MAX_STEPS}
 

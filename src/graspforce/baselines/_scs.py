@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import scs  # pyright: ignore[reportMissingTypeStubs]
 
+from graspforce._engine.outcome import Status
 from graspforce.baselines._conic import Answer, Pattern, Program, diagonal
-from graspforce.outcome import Status
 
 _STATUS = {"solved": Status.SOLVED, "unbounded": Status.UNBOUNDED}
 

@@ -14,12 +14,12 @@ import math
 
 import numpy as np
 
-from graspforce import reference
-from graspforce._arrays import Array
+from graspforce import equations
+from graspforce._engine.outcome import PlainOutcome, Status
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active
 from graspforce.baselines._lmi import Lmi, dikin_direction, line_search
 from graspforce.certificate import Certificate, check_certificate
-from graspforce.outcome import PlainOutcome, Status
 from graspforce.solution import Solution
 
 MAX_STEPS = 200
@@ -34,12 +34,13 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
         The force, shape (m,), and the steps taken; or the Solution that ends the solve:
         INFEASIBLE with its certificate, else MAX_STEPS or STALLED.
     """
-    c_p, N = reference.particular_and_nullspace(view.W, view.problem.f)
+    c_p, N = equations.particular_and_nullspace(view.W, view.problem.f)
     in_c = Lmi.of(view)
     strict = in_c.substitute(c_p, N)
     # Sigma is in units of the first violation, which an overload makes as large as one likes.
     size = max(1.0, view.violation(c_p))
-    relaxed = strict.widen(*(size * units for units in view.violation_units))
+    of_limits, of_cones = view.inner.violation_scales()
+    relaxed = strict.widen(size * of_cones, size * of_limits)
     x = np.append(np.zeros(N.shape[1]), 1.2 * view.violation(c_p) / size + 0.1)
     weight, steps, proof, status = 10.0, 0, None, Status.MAX_STEPS
     while steps < MAX_STEPS:
@@ -66,13 +67,11 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
             break
         else:
             weight *= 10
-    c = view.spread(c_p + N @ x[:-1])
+    c = view.problem.scatter(c_p + N @ x[:-1])
     if proof is None:
         return Solution(PlainOutcome(status, steps, c, np.zeros(len(view.W))), view.problem)
     y, z = proof
-    counted = view.problem.counted_limits()
-    every = np.zeros(len(counted))
-    every[counted] = z
+    every = view.problem.scatter_multipliers(z)
     return Solution(
         PlainOutcome(Status.INFEASIBLE, steps, c, y, violation=size * float(x[-1]), y=y, z=every),
         view.problem,
@@ -87,7 +86,7 @@ def infeasible(view: Active) -> Solution | None:
     return None
 
 
-def proved(view: Active, own: Solution) -> Solution:
+def infeasible_or(view: Active, own: Solution) -> Solution:
     """Return the proof that a problem is infeasible, if there is one, for a method's failure."""
     return infeasible(view) or own
 
@@ -99,7 +98,7 @@ def _proof(view: Active, in_c: Lmi, multipliers: list[Array]) -> tuple[Array, Ar
     target = view.A.T @ z
     for part, Z in zip(in_c.blocks, cones, strict=False):  # the last of the blocks is the limits
         target = target - np.einsum("abc,jacb->j", Z, part.F)
-    y = reference.least_squares(view.W.T, target)
+    y = equations.least_squares(view.W.T, target)
     size = float(max(np.abs(y).max(), z.max(initial=0.0)))
     y, z = y / size, np.maximum(z / size, 0.0)
     return (y, z) if check_certificate(view.problem, Certificate(y, z)) else None

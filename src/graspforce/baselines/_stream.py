@@ -17,13 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspforce import reference
-from graspforce._arrays import Array
-from graspforce.baselines._active import Active, known_at_once, nothing, priced
-from graspforce.baselines._start import proved
-from graspforce.outcome import Status
+from graspforce import equations
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
+from graspforce.baselines._active import Active, empty_solution, make_solution, trivial_verdict
+from graspforce.baselines._start import infeasible_or
 from graspforce.problem import ForceProblem
-from graspforce.solution import WRENCH_TOLERANCE, Solution
+from graspforce.solution import Solution
+from graspforce.solution.verification import WRENCH_TOLERANCE
 
 # An answer whose wrench is further off than this, relative to the forces, is none.
 LARGEST_CORRECTION = 1e-5
@@ -67,10 +68,10 @@ class Stream(ABC):
             try:
                 return _judged(view, self._run(view, self._unit))
             except np.linalg.LinAlgError:
-                return nothing(problem, Status.INVALID_NUMBERS)
+                return empty_solution(problem, Status.INVALID_NUMBERS)
 
     def _take(self, problem: ForceProblem) -> None:
-        known = known_at_once(problem)
+        known = trivial_verdict(problem)
         # Last of all, so that a problem which failed to load is not taken for a loaded one.
         self._problem: ForceProblem | None = None
         self._view = Active.of(problem) if known is None else None
@@ -100,17 +101,16 @@ def _judged(view: Active, found: Found) -> Solution:
     """Return the answer that the solver's words are worth."""
     problem, c, status = view.problem, found.c, found.status
     if status is Status.SOLVED:
-        off = problem.f - view.W @ c
-        size = np.abs(problem.f).max() + (np.abs(view.W) @ np.abs(c)).max()
-        if WRENCH_TOLERANCE / 10 * size < np.abs(off).max() <= LARGEST_CORRECTION * size:
+        error = equations.relative_wrench_error(c, view.W, problem.f)
+        if WRENCH_TOLERANCE / 10 < error <= LARGEST_CORRECTION:
             # Solvers balance the wrench to their tolerance; the rest is a least-norm correction.
-            c = c + reference.least_squares(view.W, off)
-            off = problem.f - view.W @ c
-        if np.abs(off).max() <= WRENCH_TOLERANCE * size:
-            return priced(view, status, found.steps, c, found.nu)
+            c = c + equations.least_squares(view.W, problem.f - view.W @ c)
+            error = equations.relative_wrench_error(c, view.W, problem.f)
+        if error <= WRENCH_TOLERANCE:
+            return make_solution(view, status, found.steps, c, found.nu)
         status = Status.STALLED
-    if not reference.wrench_reachable(problem):
-        return nothing(problem, Status.WRENCH_UNREACHABLE)
+    if not equations.wrench_reachable(view.W, problem.f):
+        return empty_solution(problem, Status.WRENCH_UNREACHABLE)
     if status is Status.UNBOUNDED:
-        return nothing(problem, status)
-    return proved(view, priced(view, status, found.steps, c, found.nu))
+        return empty_solution(problem, status)
+    return infeasible_or(view, make_solution(view, status, found.steps, c, found.nu))

@@ -26,11 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
-from graspforce.baselines._active import Active, answer, as_steps, run
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
+from graspforce.baselines._active import Active, as_steps, run, solution_from_gradient
 from graspforce.baselines._pyramids import Cones, Pyramids
-from graspforce.baselines._start import proved
-from graspforce.outcome import Status
+from graspforce.baselines._start import infeasible_or
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -85,8 +85,10 @@ def _solve(view: Active, pyramids: Pyramids, max_steps: int) -> Solution:
     slack = 1e-9 * (np.abs(bounds) + np.abs(rows) @ np.abs(c_p))
     unsettled = dual.status not in (Status.SOLVED, Status.MAX_STEPS)
     if unsettled or (h[fixed] < -slack[fixed]).any():
-        return proved(view, answer(view, Status.STALLED, dual.pivots, c, np.zeros(len(c))))
-    return answer(view, dual.status, dual.pivots, c, view.normals + rows.T @ y)
+        return infeasible_or(
+            view, solution_from_gradient(view, Status.STALLED, dual.pivots, c, np.zeros(len(c)))
+        )
+    return solution_from_gradient(view, dual.status, dual.pivots, c, view.normals + rows.T @ y)
 
 
 def eliminate(W: Array, f: Array) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.baselines._descent import Direction, descend
 from graspforce.baselines._lmi import Lmi, Point
 from graspforce.problem import ForceProblem

@@ -21,12 +21,12 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active, as_steps
 from graspforce.baselines._pyramids import Cones, Pyramids
 from graspforce.baselines._stream import Found, Stream
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 

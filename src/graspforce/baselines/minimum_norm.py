@@ -10,9 +10,9 @@ it never says, because it asks for nothing that could be.
 
 from __future__ import annotations
 
-from graspforce import reference
-from graspforce.baselines._active import Active, answer, run
-from graspforce.outcome import Status
+from graspforce import equations
+from graspforce._engine.outcome import Status
+from graspforce.baselines._active import Active, run, solution_from_gradient
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -30,5 +30,5 @@ def solve(problem: ForceProblem) -> Solution:
 
 
 def _solve(view: Active) -> Solution:
-    c, _ = reference.particular_and_nullspace(view.W, view.problem.f)
-    return answer(view, Status.SOLVED, 1, c, c)
+    c, _ = equations.particular_and_nullspace(view.W, view.problem.f)
+    return solution_from_gradient(view, Status.SOLVED, 1, c, c)

@@ -29,12 +29,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce import reference
-from graspforce._arrays import Array, as_array, as_positive, require_instance
-from graspforce.baselines._active import Active, answer, as_steps, run
-from graspforce.baselines._start import infeasible, proved
+from graspforce import equations
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_array, as_positive, require_instance
+from graspforce.baselines._active import Active, as_steps, run, solution_from_gradient
+from graspforce.baselines._start import infeasible, infeasible_or
 from graspforce.errors import MissingExtraError
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -83,7 +83,7 @@ def solve(
         network = _Network.of(view)
         scale = float(np.abs(network.f).max()) or 1.0
         at_start = np.zeros(network.neurons)
-        at_start[: len(network.L.T)] = guess[view.kept]
+        at_start[: len(network.L.T)] = guess[problem.active_components]
         path = BDF(network.rates, 0.0, at_start, np.inf, rtol=RELATIVE, atol=ABSOLUTE * scale)
         steps, status, asked = 0, Status.MAX_STEPS, False
         while steps < most:
@@ -101,9 +101,9 @@ def solve(
                 status = Status.SOLVED
                 break
         c, pull = network.read(path.y)
-        c = c + reference.particular_and_nullspace(view.W, problem.f - view.W @ c)[0]
-        own = answer(view, status, steps, c, c + pull)
-        return own if status is Status.SOLVED else proved(view, own)
+        c = c + equations.particular_and_nullspace(view.W, problem.f - view.W @ c)[0]
+        own = solution_from_gradient(view, status, steps, c, c + pull)
+        return own if status is Status.SOLVED else infeasible_or(view, own)
 
     return run(problem, method)
 
@@ -138,8 +138,7 @@ class _Network:
     def of(cls, view: Active) -> _Network:
         L = np.zeros((len(view.models), WIDTH, len(view.W.T)))
         for i, (start, end) in enumerate(pairwise(view.starts)):
-            weights = np.sqrt(np.abs(np.diag(reference.R_mu(view.models[i]))))
-            L[i, : end - start, start:end] = np.diag(weights)
+            L[i, : end - start, start:end] = np.diag(view.models[i].cone_scaling)
         of_W, of_A = (np.linalg.norm(rows, axis=1) for rows in (view.W, view.A))
         of_W[of_W == 0], of_A[of_A == 0] = 1.0, 1.0
         return cls(

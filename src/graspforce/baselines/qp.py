@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from graspforce._engine.outcome import Status
 from graspforce.baselines._active import Active, as_steps
 from graspforce.baselines._pyramids import Cones, Pyramids
 from graspforce.baselines._stream import Found, Stream
 from graspforce.errors import MissingExtraError
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 

@@ -25,14 +25,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from graspforce import reference
-from graspforce._arrays import Array, as_array
-from graspforce.baselines._active import Active, answer, as_steps, run
+from graspforce import equations
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_array
+from graspforce.baselines._active import Active, as_steps, run, solution_from_gradient
 from graspforce.baselines._conic import Pattern, diagonal
 from graspforce.baselines._lmi import Lmi, dikin_direction, half_square_decrement, line_search
-from graspforce.baselines._start import proved
+from graspforce.baselines._start import infeasible_or
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -186,7 +186,7 @@ def _unit(view: Active, barrier: float) -> float:
     They balance the wrench and seek the barrier's size, as far as the limits let them.
     """
     wanted = max(float(np.abs(view.problem.f).max()), barrier) or 1.0
-    cones, _ = view.violation_units
+    _, cones = view.inner.violation_scales()
     return min(wanted, float(cones.max())) or wanted
 
 
@@ -196,7 +196,7 @@ def _solve(
     normals = objective == "normals"
     unit = _unit(view, weight if normals else weight**0.5)
     weight /= unit if normals else unit**2
-    c_p, N = reference.particular_and_nullspace(view.W, view.problem.f / unit)
+    c_p, N = equations.particular_and_nullspace(view.W, view.problem.f / unit)
     in_c = Lmi.of(replace(view, b=view.b / unit))
     in_x = in_c.substitute(c_p, N)
     block = _log_det if weight else _positive
@@ -232,7 +232,10 @@ def _solve(
     steps = int(found.iterations)
     x = np.array(found.x)[: len(N.T)]
     if word == "PrimalInfeasible":
-        return proved(view, answer(view, Status.STALLED, steps, unit * c_p, np.zeros(len(c_p))))
+        return infeasible_or(
+            view,
+            solution_from_gradient(view, Status.STALLED, steps, unit * c_p, np.zeros(len(c_p))),
+        )
     failed = Status.MAX_STEPS if word == "MaxIterations" else Status.STALLED
     solved = word in ("Solved", "AlmostSolved")
     if weight:
@@ -258,8 +261,8 @@ def _solve(
         gradient = effort - _cone_forces(in_c, np.array(found.z))
     c, gradient = unit * c, gradient if normals else unit * gradient
     if solved:
-        return answer(view, Status.SOLVED, steps, c, gradient)
-    return proved(view, answer(view, failed, steps, c, gradient))
+        return solution_from_gradient(view, Status.SOLVED, steps, c, gradient)
+    return infeasible_or(view, solution_from_gradient(view, failed, steps, c, gradient))
 
 
 def _cone_forces(in_c: Lmi, duals: Array) -> Array:

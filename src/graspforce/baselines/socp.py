@@ -17,7 +17,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from graspforce._arrays import as_positive
+from graspforce._util.arrays import as_positive
 from graspforce.baselines._active import Active, as_steps
 from graspforce.baselines._conic import Conic, Program, Shape
 from graspforce.errors import InvalidInputError

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspforce import reference
-from graspforce._arrays import Array, as_positive
+from graspforce import equations
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_positive
 from graspforce.baselines._active import Active, as_steps
 from graspforce.baselines._conic import Conic, Pattern, Program, Shape
 from graspforce.baselines._stream import Found
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -57,7 +57,7 @@ class Prepared(Conic):
 
     def _run(self, view: Active, unit: float) -> Found:
         found = super()._run(view, unit)
-        runaway = np.abs(found.c).max() > reference.RUNAWAY * unit
+        runaway = np.abs(found.c).max() > equations.RUNAWAY * unit
         if (runaway or found.status is Status.STALLED) and self._endless(view):
             found = found._replace(status=Status.UNBOUNDED)
         elif found.status is Status.STALLED and _near(view, found.c):
@@ -85,9 +85,8 @@ def _near(view: Active, c: Array) -> bool:
 
     It often ends a digit or two short of its tolerance with exponential cones.
     """
-    whole = view.spread(c)
-    inside = reference.objective(whole, view.problem) < np.inf
-    return inside and reference.decrement(whole, view.problem) ** 2 / 2 <= NEARNESS
+    decrement, _ = equations.decrement_and_error(c, view.W, view.inner.barriers)
+    return decrement**2 / 2 <= NEARNESS
 
 
 def solve(problem: ForceProblem, *, tol: float = 1e-9, max_steps: int = 200) -> Solution:

@@ -10,7 +10,7 @@ import typer
 from graspforce.cli.terminal import reporting, show, status_line
 
 if TYPE_CHECKING:
-    from graspforce.bench import Run
+    from graspforce.study.bench import Run
 
 EXAMPLES = (
     "graspforce bench",
@@ -34,8 +34,8 @@ def bench(
     Every solver of the extra 'solvers' that is installed is timed on the same problems, and ECOS,
     Moreau and cvxpy where they are. Times are in microseconds.
     """
-    from graspforce import bench as benchmarks
     from graspforce import files
+    from graspforce.study import bench as benchmarks
 
     before = None if compare is None else benchmarks.Run.load(compare)
     for path, suffixes in ((save, (".json",)), (plot, (".png", ".svg", ".pdf"))):
@@ -48,7 +48,7 @@ def bench(
             run.save(save)
             tell(f"The run is in {save}")
         if plot is not None:
-            from graspforce.bench.plot import draw
+            from graspforce.study.bench.plot import draw
 
             draw(run, plot)
             tell(f"The picture is {plot}")

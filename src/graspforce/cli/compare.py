@@ -42,9 +42,9 @@ def compare(
     from the tick before. Slow methods run a part of the ticks. Methods whose package is not
     installed are listed with the pip line.
     """
-    from graspforce import compare as comparing
-    from graspforce.compare import output
-    from graspforce.report.machine import describe_run
+    from graspforce._util.environment import describe_run
+    from graspforce.study import compare as comparing
+    from graspforce.study.compare import output
 
     if out is not None:
         output.prepare(out)

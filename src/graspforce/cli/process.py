@@ -1,4 +1,4 @@
-"""What a process sees to that serves as a command: standard streams, signals, its exit code."""
+"""What the process of a command sets up: standard streams, signals, its exit code."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from graspforce.cli.terminal import one_line_errors
 
 @contextmanager
 def as_command() -> Generator[None]:
-    """Run the block as all that this process does."""
+    """Run the block as the whole work of this process."""
     _open_standard_streams()
     _end_orderly_on_signals()
     try:
         with one_line_errors():
             yield
-    except BrokenPipeError:  # the reader of our output has had enough
+    except BrokenPipeError:  # nobody reads the output any more
         raise SystemExit(1) from None
     except KeyboardInterrupt:
         raise SystemExit(128 + signal.SIGINT) from None

@@ -24,7 +24,7 @@ def reproduce(
 
     Needs the extras 'figures' and 'sim': in a checkout, pip install '.[figures,sim]'.
     """
-    from graspforce import report
+    from graspforce.study import report
 
     with stage_bars() as progress:
         page = report.reproduce(out, progress)

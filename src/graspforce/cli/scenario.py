@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from graspforce._engine.outcome import Status
 from graspforce.cli.terminal import counts, progress_bar, reporting, show
 from graspforce.errors import InvalidInputError
-from graspforce.outcome import Status
 
 if TYPE_CHECKING:
     from graspforce.scenarios import Log

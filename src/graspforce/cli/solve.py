@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, words
-from graspforce.errors import InvalidInputError
-from graspforce.outcome import Status
+from graspforce._engine.outcome import Status
+from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, status_words
+from graspforce.errors import InvalidInputError, error_context
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -53,13 +53,14 @@ def solve(
     distance to slipping, mu n − |tangential force|, the smallest distance of a joint torque to
     its limit, and the Newton steps. Infeasible grasps are listed as such, and are no error.
     """
-    from graspforce import _arrays, files
-    from graspforce.settings import Settings
+    from graspforce import files
+    from graspforce._engine.settings import Settings
+    from graspforce._util.arrays import as_positive
     from graspforce.solve import solve as solve_problem
 
     given = {"alpha": alpha, "c_max": c_max}
     changes = {
-        key: _arrays.as_positive(value, "--" + key.replace("_", "-"))
+        key: as_positive(value, "--" + key.replace("_", "-"))
         for key, value in given.items()
         if value is not None
     }
@@ -68,8 +69,8 @@ def solve(
         files.check_output(out)
         if os.path.realpath(out) == os.path.realpath(file):
             raise InvalidInputError(f"--out: got {out}, the file of grasps itself")
-    grasps = _changed(files.read(file), changes, file)
-    unused = files.unused_keys(file)
+    content = files.load(file)
+    grasps = _changed(content.grasps, changes, file)
     results: list[NamedSolution] = []
     with progress_bar(len(grasps), "solving") as advance:
         for index, (name, problem) in enumerate(grasps):
@@ -78,8 +79,8 @@ def solve(
 
     def report() -> None:
         _report(results)
-        if unused:
-            show(f"Keys of {file} that were not read: {', '.join(unused)}")
+        if content.unused_keys:
+            show(f"Keys of {file} that were not read: {', '.join(content.unused_keys)}")
 
     with reporting(report) as tell:
         if out is not None:
@@ -90,13 +91,12 @@ def solve(
 def _changed(grasps: list[NamedProblem], changes: dict[str, Any], file: Path) -> list[NamedProblem]:
     """Return the grasps with the options of the command line in place of the file's."""
     from graspforce.files import NamedProblem
-    from graspforce.files.named import place
 
     if not changes:
         return grasps
     changed: list[NamedProblem] = []
     for index, (name, problem) in enumerate(grasps):
-        with place(f"{file}: grasp {index} {name!r}"):
+        with error_context(f"{file}: grasp {index} {name!r}"):
             changed.append(NamedProblem(name, problem.replace(**changes)))
     return changed
 
@@ -113,9 +113,12 @@ def _report(results: list[NamedSolution]) -> None:
 
 
 def _table(results: list[NamedSolution]) -> Table:
+    import numpy as np
     from rich import box
     from rich.table import Table
     from rich.text import Text
+
+    from graspforce.solution.columns import Columns
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.add_column("#", justify="right")
@@ -123,20 +126,22 @@ def _table(results: list[NamedSolution]) -> Table:
     table.add_column("status", no_wrap=True)
     for heading in ("largest\nnormal\n[N]", "slip\nmargin\n[N]", "torque\nmargin\n[N·m]", "steps"):
         table.add_column(Text(heading), justify="right", overflow="fold")
-    for index, (name, solution) in enumerate(results):
-        solved = solution.status is Status.SOLVED
-        numbers = ["–", "–", "–"]
-        if solved:
-            numbers = [
-                f"{solution.normal_forces.max():.4g}",
-                f"{solution.friction_margins.min():.4g}",
-                f"{solution.torque_residual:.4g}" if solution.problem.layout.joints else "–",
-            ]
+    columns = Columns(solution for _, solution in results)
+    shown = np.column_stack(
+        (
+            np.nanmax(columns.normal_forces, axis=1),
+            np.nanmin(columns.friction_margins, axis=1),
+            columns.torque_residual,
+        )
+    )
+    shown[~columns.solved] = np.nan
+    rows = zip(results, columns.status, shown, columns.newton_steps, strict=True)
+    for index, ((name, _), status, numbers, steps) in enumerate(rows):
         table.add_row(
             str(index),
             Text(printable(name)),
-            Text(words(solution.status), style="green" if solved else "red"),
-            *numbers,
-            str(solution.newton_steps),
+            Text(status_words(Status(status)), style="green" if status == Status.SOLVED else "red"),
+            *(f"{number:.4g}" if np.isfinite(number) else "–" for number in numbers),
+            str(steps),
         )
     return table

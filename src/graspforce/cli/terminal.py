@@ -1,8 +1,8 @@
-"""What every command prints with: results, one-line errors, progress on stderr, plain words.
+"""What every command prints with: results, one-line errors, progress on stderr, words for statuses.
 
-Names, keys and paths come from files, and whoever wrote the file may have put characters into them
-that steer a terminal. Exceptions and results keep them as they are; what is printed passes through
-:func:`printable`, in the consoles and in :func:`one_line_errors`.
+Names, keys and paths come from files and may contain characters that control a terminal.
+Exceptions and results keep them; what is printed passes through :func:`printable`, in the consoles
+and in :func:`one_line_errors`.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.segment import Segment
 
+from graspforce._engine.outcome import Status
 from graspforce.errors import GraspForceError, GraspForceWarning
-from graspforce.outcome import Status
 
 
 def printable(text: str, keep: str = "") -> str:
-    """Return the text on one line, without characters that steer a terminal.
+    """Return the text on one line, without characters that control a terminal.
 
     Control characters, marks of the direction of writing, other invisible ones and lone surrogates
     are replaced; spaces of any width are none.
@@ -41,7 +41,7 @@ def printable(text: str, keep: str = "") -> str:
 
 
 class _Console(Console):
-    """A console on which only its own styles steer the terminal."""
+    """A console on which only its own styles control the terminal."""
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
@@ -114,7 +114,7 @@ def reporting(report: Callable[[], None]) -> Generator[Callable[[str], None]]:
 
 @contextmanager
 def one_line_errors() -> Generator[None]:
-    """Turn what the caller can put right into one line on stderr and exit code 2.
+    """Turn errors that the caller can correct into one line on stderr and exit code 2.
 
     A warning of a slip is one line, too, and changes no exit code.
     """
@@ -134,7 +134,7 @@ def one_line_errors() -> Generator[None]:
         _fail(str(error), error)
     except OSError as error:
         if isinstance(error, BrokenPipeError) and error.filename is None:
-            raise  # the reader of our output has had enough; Typer ends quietly
+            raise  # nobody reads the output any more; Typer ends quietly
         where = "" if error.filename is None else f"{error.filename}: "
         _fail(f"{where}{error.strerror or error}", error)
     except Exception as error:
@@ -207,12 +207,12 @@ def status_line(what: str) -> Generator[Callable[[str], None]]:
 
 def counts(what: str, statuses: Iterable[Status]) -> str:
     """Return how many there are and how many of each status, as in ``3 grasps: 3 solved``."""
-    counts = Counter(words(status) for status in statuses)
+    counts = Counter(status_words(status) for status in statuses)
     total = counts.total()
     each = ", ".join(f"{count} {words}" for words, count in counts.most_common())
     return f"{total} {what}{'' if total == 1 else 's'}: {each}"
 
 
-def words(status: Status) -> str:
+def status_words(status: Status) -> str:
     """Return a status in words: ``wrench unreachable``."""
     return status.name.lower().replace("_", " ")

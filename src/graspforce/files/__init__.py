@@ -15,20 +15,36 @@ file, the place in it, what came and what was expected. Nothing is ever unpickle
 
 from __future__ import annotations
 
-from graspforce._util.atomic import replacing
+import warnings
+from typing import Any
+
+from graspforce._util.atomic import atomic_write, check_output
 from graspforce.files.json_grasps import schema
-from graspforce.files.named import NamedProblem, NamedSolution
+from graspforce.files.named import GraspFile, NamedProblem, NamedSolution
 from graspforce.files.npz_grasps import unused_keys
-from graspforce.files.reading import read
-from graspforce.files.writing import check_output, write
+from graspforce.files.reading import load, read
+from graspforce.files.writing import write
 
 __all__ = [
+    "GraspFile",
     "NamedProblem",
     "NamedSolution",
+    "atomic_write",
     "check_output",
+    "load",
     "read",
-    "replacing",
     "schema",
     "unused_keys",
     "write",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "replacing":
+        warnings.warn(
+            "graspforce.files.replacing is now graspforce.files.atomic_write",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return atomic_write
+    raise AttributeError(f"module 'graspforce.files' has no attribute {name!r}")

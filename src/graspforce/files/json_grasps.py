@@ -1,8 +1,8 @@
 """Grasps from JSON: parse strictly, check against the schema, build the problems.
 
-Three layers, each with errors of its own: the text is JSON (and nothing that only Python takes
-for it: NaN, a key twice); the document has the shape that ``grasp.schema.json`` describes; the
-numbers make a :class:`ForceProblem`.
+Three layers, each with errors of its own: the text is strict JSON (Python's parser also takes NaN
+and a key given twice); the document has the shape that ``grasp.schema.json`` describes; the numbers
+make a :class:`ForceProblem`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any, BinaryIO
 from jsonschema import Draft202012Validator, ValidationError
 
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
-from graspforce.errors import InvalidInputError
-from graspforce.files.named import NamedProblem, default_name, place
+from graspforce.errors import InvalidInputError, error_context
+from graspforce.files.named import GraspFile, NamedProblem, default_name
 from graspforce.grasp import Grasp
 from graspforce.problem import ForceProblem, ProblemOptions
 
@@ -27,7 +27,7 @@ _OPTIONS = tuple(ProblemOptions.__annotations__)
 _TYPE_WORDS = {"array": "an array", "object": "an object"}
 
 
-def read_json(file: BinaryIO, stem: str) -> list[NamedProblem]:
+def read_json(file: BinaryIO, stem: str) -> GraspFile:
     """Return the grasps of a JSON document.
 
     Args:
@@ -44,14 +44,14 @@ def read_json(file: BinaryIO, stem: str) -> list[NamedProblem]:
     problems: list[NamedProblem] = []
     for index, grasp in enumerate(grasps):
         name = grasp.get("name", default_name(stem, index, len(grasps)))
-        with place(f"grasp {index} {name!r}"):
+        with error_context(f"grasp {index} {name!r}"):
             problems.append(NamedProblem(name, _problem(grasp)))
-    return problems
+    return GraspFile(problems, [])
 
 
 @cache
 def _schema_text() -> str:
-    source = resources.files("graspforce").joinpath("schema/grasp.schema.json")
+    source = resources.files("graspforce.files").joinpath("grasp.schema.json")
     return source.read_text(encoding="utf-8")
 
 
@@ -117,7 +117,7 @@ def _check_shape(document: Any) -> None:
     validator: Any = Draft202012Validator(schema())
     errors: list[ValidationError] = list(validator.iter_errors(document))
     if errors:
-        # A mistyped key also leaves the key that was meant missing: tell of the cause.
+        # A mistyped key also leaves the intended key missing: report the mistyped one.
         unknown = (error for error in errors if error.validator == "additionalProperties")
         error = next(unknown, errors[0])
         raise InvalidInputError(f"{error.json_path}: {_explain(error)}")
@@ -179,7 +179,7 @@ def _problem(grasp: dict[str, Any]) -> ForceProblem:
         return ForceProblem(W=grasp["W"], f=grasp["f"], models=models, **options)
     contacts: list[Contact] = []
     for index, entry in enumerate(grasp["contacts"]):
-        with place(f"contacts[{index}]"):
+        with error_context(f"contacts[{index}]"):
             contacts.append(
                 Contact(entry["point"], entry["normal"], _model(entry), entry.get("tangent"))
             )

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from contextlib import contextmanager
 from typing import NamedTuple
 
-from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -25,15 +22,18 @@ class NamedSolution(NamedTuple):
     solution: Solution
 
 
+class GraspFile(NamedTuple):
+    """What was read from a file of grasps.
+
+    Attributes:
+        grasps: at least one, in the file's order.
+        unused_keys: keys of an NPZ file that are not part of the format; none of a JSON file.
+    """
+
+    grasps: list[NamedProblem]
+    unused_keys: list[str]
+
+
 def default_name(stem: str, index: int, count: int) -> str:
     """Return the name of a grasp that has none: its file's, with the index among several."""
     return stem if count == 1 else f"{stem}[{index}]"
-
-
-@contextmanager
-def place(where: str) -> Generator[None]:
-    """Put ``where`` in front of the text of an InvalidInputError raised inside."""
-    try:
-        yield
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{where}: {error}") from error

@@ -13,11 +13,12 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.lib.npyio import NpzFile
 
-from graspforce._arrays import as_array, require
+from graspforce._engine import native
+from graspforce._engine.layout import FIELDS
+from graspforce._util.arrays import Array, as_array, require
 from graspforce.contact import PCWF
-from graspforce.errors import InvalidInputError
-from graspforce.files.named import NamedProblem, default_name, place
-from graspforce.layout import FIELDS
+from graspforce.errors import InvalidInputError, error_context
+from graspforce.files.named import GraspFile, NamedProblem, default_name
 from graspforce.problem import ForceProblem
 
 # Each may be a number for all, a number a grasp (B,), or a stack (B, n), (B, n_joints) or (B, m).
@@ -35,10 +36,10 @@ _STACKS = {
 }
 # Either gives the names; the first that is there.
 _NAMES = ("names", "object")
-_KEYS = (*_STACKS, *_PER_GRASP, *_NAMES)
+KEYS = (*_STACKS, *_PER_GRASP, *_NAMES)
 
 
-def read_npz(file: BinaryIO, stem: str) -> list[NamedProblem]:
+def read_npz(file: BinaryIO, stem: str) -> GraspFile:
     """Return the grasps of an NPZ archive.
 
     Args:
@@ -49,7 +50,7 @@ def read_npz(file: BinaryIO, stem: str) -> list[NamedProblem]:
         InvalidInputError: no archive, missing or ill-shaped arrays, or a problem that is
             refused; the text names the key or the grasp.
     """
-    arrays = _load(file)
+    arrays, unused = _load(file)
     for key in ("W", "f", "mu"):
         if key not in arrays:
             raise InvalidInputError(
@@ -59,16 +60,8 @@ def read_npz(file: BinaryIO, stem: str) -> list[NamedProblem]:
         raise InvalidInputError("tau_limit: given beside tau_lo or tau_hi, expected one or other")
     count = _count(arrays)
     names = _names(arrays, stem, count)
-    problems: list[NamedProblem] = []
-    for index, name in enumerate(names):
-        own = {
-            key: array if array.ndim == 0 else array[index]
-            for key, array in arrays.items()
-            if key not in _NAMES
-        }
-        with place(f"grasp {index} {name!r}"):
-            problems.append(NamedProblem(name, _problem(own)))
-    return problems
+    problems = _problems({key: arrays[key] for key in arrays if key not in _NAMES}, names)
+    return GraspFile(list(map(NamedProblem, names, problems)), unused)
 
 
 def unused_keys(path: str | Path) -> list[str]:
@@ -85,25 +78,28 @@ def unused_keys(path: str | Path) -> list[str]:
             keys = [name.removesuffix(".npy") for name in archive.namelist()]
     except (OSError, zipfile.BadZipFile) as error:
         raise InvalidInputError(f"{path}: cannot read the archive: {error}") from error
-    return [key for key in keys if key not in _KEYS]
+    return [key for key in keys if key not in KEYS]
 
 
-def _load(file: BinaryIO) -> dict[str, np.ndarray[Any, Any]]:
+def _load(file: BinaryIO) -> tuple[dict[str, np.ndarray[Any, Any]], list[str]]:
+    """Return the arrays of the format, and the keys of the others, which stay unread."""
     if not zipfile.is_zipfile(file):
         raise InvalidInputError("not an NPZ archive: empty, cut short, or of another kind")
     file.seek(0)
     arrays: dict[str, np.ndarray[Any, Any]] = {}
+    unused: list[str] = []
     key = "archive"
     try:
         with cast(NpzFile, np.load(file, allow_pickle=False)) as archive:
-            for key in _KEYS:
+            unused = [key for key in archive.files if key not in KEYS]
+            for key in KEYS:
                 if key in archive:
                     arrays[key] = np.asarray(archive[key])
     # A damaged archive fails in zipfile, zlib, struct or NumPy's header parser, each with an
     # exception of its own, none of which says where: no narrower list is complete.
     except Exception as error:
         raise InvalidInputError(f"{key}: cannot read the array: {error}") from error
-    return arrays
+    return arrays, unused
 
 
 def _count(arrays: dict[str, np.ndarray[Any, Any]]) -> int:
@@ -135,6 +131,36 @@ def _names(arrays: dict[str, np.ndarray[Any, Any]], stem: str, count: int) -> li
             f"numbers of shape ({count},)"
         )
     return [str(name) for name in names]
+
+
+def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> list[ForceProblem]:
+    """Return the problems of all grasps, whose numbers are the rows of one array."""
+
+    def make(index: int) -> ForceProblem:
+        own = {key: each if each.ndim == 0 else each[index] for key, each in arrays.items()}
+        with error_context(f"grasp {index} {names[index]!r}"):
+            return _problem(own)
+
+    first = make(0)  # types, shapes and what came without what are those of all grasps
+    layout = first.layout
+    packed = np.tile(first.packed, (len(names), 1))
+    fields = layout.views(packed)
+    if "tau_limit" in arrays:
+        _fill(fields["tau_hi"], arrays["tau_limit"])
+        np.negative(fields["tau_hi"], out=fields["tau_lo"])
+    for key, array in arrays.items():
+        if key != "tau_limit":
+            _fill(fields[key], array)
+    for index, row in enumerate(packed):
+        if native.module.find_flaw(layout, row) is not None:
+            make(index)  # which raises, and says it of the array that the file has
+    return [ForceProblem.from_packed(layout, row) for row in packed]
+
+
+def _fill(field: Array, array: np.ndarray[Any, Any]) -> None:
+    """Write a number for all, a number a grasp, or a stack into a field of all grasps."""
+    missing = field.ndim - array.ndim if array.ndim else 0
+    field[...] = array.reshape(array.shape + (1,) * missing)
 
 
 def _problem(own: dict[str, np.ndarray[Any, Any]]) -> ForceProblem:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from graspforce.errors import InvalidInputError
+from graspforce.errors import InvalidInputError, error_context
 from graspforce.files.json_grasps import read_json
-from graspforce.files.named import NamedProblem, place
+from graspforce.files.named import GraspFile, NamedProblem
 from graspforce.files.npz_grasps import read_npz
 
 _READERS = {".json": read_json, ".npz": read_npz}
@@ -27,6 +27,15 @@ def read(path: str | Path) -> list[NamedProblem]:
         InvalidInputError: the file cannot be read, or something in it is wrong; the text names
             the file, the place, what came and what was expected.
     """
+    return load(path).grasps
+
+
+def load(path: str | Path) -> GraspFile:
+    """Return the grasps of a file, as :func:`read` does, and its keys that were left alone.
+
+    Raises:
+        InvalidInputError: as :func:`read`.
+    """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
@@ -34,7 +43,7 @@ def read(path: str | Path) -> list[NamedProblem]:
             f"{path}: got a file name ending in {path.suffix!r}, expected one in .json or .npz"
         )
     try:
-        with path.open("rb") as file, place(str(path)):
+        with path.open("rb") as file, error_context(str(path)):
             return reader(file, path.stem)
     except OSError as error:
         raise InvalidInputError(

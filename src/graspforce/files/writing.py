@@ -1,9 +1,8 @@
 """Write results: JSON for programs, CSV for spreadsheets, NPZ for arrays, with the same fields.
 
-Each result is made a flat record first (texts, numbers and vectors by name); the three writers
-differ only in how they lay a list of records down. A name may hold a lone surrogate, from JSON or
-from a file name that is not UTF-8, for which UTF-8 has no bytes: JSON and CSV hold its escape
-sequence, backslash, u and four digits, which JSON readers turn back.
+The three writers differ only in how they lay the columns down. A name may hold a lone surrogate,
+from JSON or from a file name that is not UTF-8, for which UTF-8 has no bytes: JSON and CSV hold its
+escape sequence, backslash, u and four digits, which JSON readers turn back.
 """
 
 from __future__ import annotations
@@ -17,12 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
-from graspforce._util.atomic import check_writable, replacing
-from graspforce.errors import InvalidInputError
+from graspforce._util.arrays import Array, npz_bytes
+from graspforce._util.atomic import atomic_write, check_output
 from graspforce.solution import Solution
+from graspforce.solution.columns import Columns, stacked
 
-_TEXTS = ("name", "status", "message")
 _NUMBERS = (
     "alpha", "newton_steps", "phi", "suboptimality", "violation", "friction_residual",
     "torque_residual", "wrench_error",
@@ -45,59 +43,57 @@ def write(path: str | Path, results: Sequence[tuple[str, Solution]]) -> None:
         OSError: the file cannot be written; what it held before is still there.
     """
     check_output(path)
-    records = [_record(name, solution) for name, solution in results]
-    with replacing(path) as temporary:
-        _WRITERS[Path(path).suffix.lower()](temporary, records)
+    table = _Table(results)
+    with atomic_write(path) as temporary:
+        _WRITERS[Path(path).suffix.lower()](temporary, table)
 
 
-def check_output(path: str | Path, endings: Sequence[str] = (".json", ".npz", ".csv")) -> None:
-    """Confirm, before any long work, that ``path`` is a place for results.
+class _Table:
+    """What is written of B results: texts, numbers and vectors by name, B entries each."""
 
-    Args:
-        path: where results shall go.
-        endings: of the file's name, those that will do.
+    def __init__(self, results: Sequence[tuple[str, Solution]]) -> None:
+        columns = Columns(solution for _, solution in results)
+        proofs = columns.rows("certificate")
+        self.size = len(columns)
+        self.texts: dict[str, list[str]] = {
+            "name": [name for name, _ in results],
+            "status": [status.name for status in columns.rows("status")],
+            "message": columns.rows("message"),
+        }
+        self.numbers: dict[str, Array] = {
+            name: columns.field(name) if name == "alpha" else getattr(columns, name)
+            for name in _NUMBERS
+        }
+        self.vectors: dict[str, list[Array]] = {
+            name: columns.rows(name) for name in _VECTORS if not name.startswith("certificate")
+        }
+        for part in "yz":
+            self.vectors[f"certificate_{part}"] = [
+                np.empty(0) if proof is None else getattr(proof, part) for proof in proofs
+            ]
 
-    Raises:
-        InvalidInputError: another ending; a directory, a socket or a block device; a file or
-            folder that must not be written to, or a folder that is not there.
-    """
-    path = Path(path)
-    if path.suffix.lower() not in endings:
-        raise InvalidInputError(
-            f"{path}: got a file name ending in {path.suffix!r}, expected one in "
-            f"{' or '.join(endings)}"
-        )
-    check_writable(path)
-
-
-def _record(name: str, solution: Solution) -> dict[str, Any]:
-    certificate = solution.certificate
-    y, z = (np.empty(0), np.empty(0)) if certificate is None else (certificate.y, certificate.z)
-    record: dict[str, Any] = {
-        "name": name,
-        "status": solution.status.name,
-        "message": solution.message,
-        "alpha": solution.problem.alpha,
-        "certificate_y": y,
-        "certificate_z": z,
-    }
-    for field in (*_NUMBERS, *_VECTORS):
-        if field not in record:
-            record[field] = getattr(solution, field)
-    return record
+    def plain_numbers(self) -> dict[str, list[float | int | None]]:
+        """Return the numbers as JSON and CSV hold them: None for infinities and NaN."""
+        return {
+            name: [_finite(number) for number in values.tolist()]
+            for name, values in self.numbers.items()
+        }
 
 
 def _finite(number: float) -> float | int | None:
-    """Return the number, or None for the infinities and NaN that JSON has no word for."""
+    """Return the number, or None for infinities and NaN, which JSON cannot hold."""
     return number if math.isfinite(number) else None
 
 
-def _write_json(path: Path, records: list[dict[str, Any]]) -> None:
+def _write_json(path: Path, table: _Table) -> None:
     lines: list[str] = []  # one result a line: small, and easy to compare and to search
-    for record in records:
-        document = {field: record[field] for field in _TEXTS}
-        document |= {field: _finite(record[field]) for field in _NUMBERS}
-        vectors = {field: [_finite(x) for x in record[field].tolist()] for field in _VECTORS}
+    numbers = table.plain_numbers()
+    for index in range(table.size):
+        document: dict[str, Any] = {name: texts[index] for name, texts in table.texts.items()}
+        document |= {name: values[index] for name, values in numbers.items()}
+        vectors = {
+            name: [_finite(x) for x in rows[index].tolist()] for name, rows in table.vectors.items()
+        }
         y, z = vectors.pop("certificate_y"), vectors.pop("certificate_z")
         document |= vectors
         document["certificate"] = {"y": y, "z": z} if y else None
@@ -106,39 +102,31 @@ def _write_json(path: Path, records: list[dict[str, Any]]) -> None:
     path.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
-def _write_csv(path: Path, records: list[dict[str, Any]]) -> None:
-    sizes = {field: max((len(r[field]) for r in records), default=0) for field in _VECTORS}
-    header = [*_TEXTS, *_NUMBERS]
-    header += [f"{field}_{index}" for field in _VECTORS for index in range(sizes[field])]
+def _write_csv(path: Path, table: _Table) -> None:
+    columns: dict[str, Sequence[Any]] = {**table.texts, **table.plain_numbers()}
+    for name, rows in table.vectors.items():
+        whole = [[_finite(x) for x in row.tolist()] for row in rows]
+        for index in range(max(map(len, whole), default=0)):
+            columns[f"{name}_{index}"] = [row[index] if index < len(row) else "" for row in whole]
     with path.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
-        rows = csv.DictWriter(file, header, restval="")
-        rows.writeheader()
-        for record in records:
-            row: dict[str, Any] = {field: record[field] for field in _TEXTS}
-            row |= {field: _finite(record[field]) for field in _NUMBERS}
-            for field in _VECTORS:
-                values = record[field].tolist()
-                row |= {f"{field}_{index}": _finite(x) for index, x in enumerate(values)}
-            rows.writerow(row)
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
 
 
-def _write_npz(path: Path, records: list[dict[str, Any]]) -> None:
+def _write_npz(path: Path, table: _Table) -> None:
     arrays: dict[str, Any] = {
-        field: np.array([record[field] for record in records], dtype=np.str_) for field in _TEXTS
+        name: np.array(texts, dtype=np.str_) for name, texts in table.texts.items()
     }
-    arrays |= {field: np.array([record[field] for record in records]) for field in _NUMBERS}
-    for field in _VECTORS:
-        vectors: list[Array] = [record[field] for record in records]
-        lengths = np.array([len(vector) for vector in vectors], dtype=np.int64)
-        stack = np.full((len(vectors), lengths.max(initial=0)), np.nan)
-        for row, vector in zip(stack, vectors, strict=True):
-            row[: len(vector)] = vector
-        arrays |= {field: stack, f"{field}_length": lengths}
-    with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    arrays |= table.numbers
+    for name, rows in table.vectors.items():
+        lengths = np.array([len(row) for row in rows], dtype=np.int64)
+        stack = stacked(rows) if rows else np.empty((0, 0))
+        arrays |= {name: stack, f"{name}_length": lengths}
+    path.write_bytes(npz_bytes(arrays))
 
 
-_WRITERS: dict[str, Callable[[Path, list[dict[str, Any]]], None]] = {
+_WRITERS: dict[str, Callable[[Path, _Table], None]] = {
     ".json": _write_json,
     ".npz": _write_npz,
     ".csv": _write_csv,

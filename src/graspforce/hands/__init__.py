@@ -4,8 +4,19 @@ from __future__ import annotations
 
 from graspforce.hands.hand import Hand, UnderactuatedHand
 from graspforce.hands.imported import ImportedHand
-from graspforce.hands.mjcf import from_mjcf
+from graspforce.hands.mujoco.grasp import MujocoGrasp
+from graspforce.hands.mujoco.hand import from_mjcf
 from graspforce.hands.paper import PaperHand
-from graspforce.hands.urdf import from_urdf
+from graspforce.hands.pinocchio.grasp import PinocchioGrasp
+from graspforce.hands.pinocchio.hand import from_urdf
 
-__all__ = ["Hand", "ImportedHand", "PaperHand", "UnderactuatedHand", "from_mjcf", "from_urdf"]
+__all__ = [
+    "Hand",
+    "ImportedHand",
+    "MujocoGrasp",
+    "PaperHand",
+    "PinocchioGrasp",
+    "UnderactuatedHand",
+    "from_mjcf",
+    "from_urdf",
+]

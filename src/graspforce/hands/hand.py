@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_tuple, require_instance
+from graspforce._util.arrays import Array, as_array, as_tuple, require_instance
 from graspforce.contact import Contact, contact_starts
 
 
@@ -65,7 +65,7 @@ class UnderactuatedHand(Hand, Protocol):
 
 
 class Actuation(NamedTuple):
-    """What the joints of a hand at one posture bring into the force problem."""
+    """What the joints of a hand at one configuration bring into the force problem."""
 
     joint_names: tuple[str, ...]
     J: Array
@@ -80,16 +80,33 @@ class Actuation(NamedTuple):
     """What it has to be, shape (k,): ``passive_rows @ c = passive_loads``."""
 
 
-class Reading(NamedTuple):
+class ImportedGrasp(Protocol):
     """A grasp as read from a robot, in the axes of its world."""
 
-    contacts: tuple[Contact, ...]
-    links: tuple[str, ...]
-    """What makes each contact."""
-    origin: Array
-    """The point about which torques are taken, shape (3,) [m]."""
-    actuation: Actuation
-    notes: tuple[str, ...]
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts."""
+        ...
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """What makes each contact."""
+        ...
+
+    @property
+    def origin(self) -> Array:
+        """The point about which torques are taken, shape (3,) [m]."""
+        ...
+
+    @property
+    def actuation(self) -> Actuation:
+        """What the joints bring into the force problem."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know, a sentence each."""
+        ...
 
 
 def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuation:

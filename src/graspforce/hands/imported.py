@@ -9,14 +9,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_tuple, came, require_instance
+from graspforce._util.arrays import Array, as_array, as_tuple, came, require_instance
 from graspforce.contact import Contact, as_contacts
 from graspforce.errors import InvalidInputError, ModelImportError
-from graspforce.hands.posture import (
-    Actuated,
+from graspforce.hands.configuration import (
+    Configuration,
     D,
-    P,
-    Posture,
+    Motors,
     full_jacobian,
     idle_notes,
     loaded_motions,
@@ -28,7 +27,7 @@ class Robot(Protocol):
 
     @property
     def q_names(self) -> tuple[str, ...]:
-        """The joints whose angles make a posture."""
+        """The joints whose angles make a configuration."""
         ...
 
     @property
@@ -36,7 +35,7 @@ class Robot(Protocol):
         """Names of everything that a contact can be on."""
         ...
 
-    def posture(self, q: Array) -> Posture:
+    def configuration(self, q: Array) -> Configuration:
         """Return the robot at the joint angles q, shape (len(q_names),) [rad]."""
         ...
 
@@ -86,8 +85,8 @@ class ImportedHand:
 
     def fingertip_positions(self, q: ArrayLike) -> Array:
         """Return the origins of the fingertips' links, shape (n_fingers, 3) [m], at q."""
-        posture = self._posture(q)
-        return np.array([posture.position(link) for link in self.fingertips.values()])
+        configuration = self._configuration(q)
+        return np.array([configuration.position(link) for link in self.fingertips.values()])
 
     def jacobian(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
         """Return J, shape (m, n_joints), in the contact frames: tau = J.T @ c (Eq. 2).
@@ -101,8 +100,8 @@ class ImportedHand:
         Raises:
             InvalidInputError: another number of contacts or angles.
         """
-        posture = self._posture(q)
-        return self._full(contacts, posture) @ posture.transmission.driven
+        configuration = self._configuration(q)
+        return self._full(contacts, configuration) @ configuration.transmission.driven
 
     def passive_rows(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
         """Return the equations ``rows @ c = 0`` of the motions that no drive takes part in.
@@ -110,11 +109,11 @@ class ImportedHand:
         Returns:
             shape (k, m): the virtual work of c over each such motion that c can load.
         """
-        posture = self._posture(q)
-        full = self._full(contacts, posture)
-        return (full @ loaded_motions(full, posture.transmission.free)).T
+        configuration = self._configuration(q)
+        full = self._full(contacts, configuration)
+        return (full @ loaded_motions(full, configuration.transmission.free)).T
 
-    def _full(self, contacts: Sequence[Contact], posture: Posture) -> Array:
+    def _full(self, contacts: Sequence[Contact], configuration: Configuration) -> Array:
         contacts = as_contacts(contacts)
         if len(contacts) != len(self.made_by):
             raise InvalidInputError(
@@ -122,13 +121,13 @@ class ImportedHand:
                 f"{', '.join(self.made_by)}; hand.touching(…) names others"
             )
         twists = [
-            posture.twist(link, contact.point)
+            configuration.twist(link, contact.point)
             for contact, link in zip(contacts, self.made_by, strict=True)
         ]
         return full_jacobian(contacts, twists)
 
-    def _posture(self, q: ArrayLike) -> Posture:
-        return self.robot.posture(as_array(q, "q", (len(self.q_names),)))
+    def _configuration(self, q: ArrayLike) -> Configuration:
+        return self.robot.configuration(as_array(q, "q", (len(self.q_names),)))
 
     def _link(self, name: str) -> str:
         if name in self.fingertips:
@@ -177,20 +176,22 @@ def as_fingertips(
     return {finger: as_link(link, "fingertips", links) for finger, link in fingertips.items()}
 
 
-def fingers_of(hand: Actuated[P, D], fingertips: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+def fingers_of(
+    configuration: Configuration, motors: Motors[D], fingertips: Mapping[str, str]
+) -> dict[str, tuple[str, ...]]:
     """Return the drives that move each finger's fingertip.
 
     Raises:
         ModelImportError: nothing moves one of them.
     """
     fingers: dict[str, tuple[str, ...]] = {}
-    driven = np.abs(hand.posture.transmission.driven)
+    driven = np.abs(configuration.transmission.driven)
     for finger, link in fingertips.items():
-        moves = np.abs(hand.posture.twist(link, None)) @ driven  # no cancelling: not by chance 0
+        moves = np.abs(configuration.twist(link, None)) @ driven  # no cancelling: not by chance 0
         fingers[finger] = tuple(
-            name for name, column in zip(hand.joint_names, moves.T, strict=True) if column.any()
+            name for name, column in zip(motors.joint_names, moves.T, strict=True) if column.any()
         )
         if not fingers[finger]:
-            reasons = (f"no motor moves {link!r}", *idle_notes(hand.idle))
+            reasons = (f"no motor moves {link!r}", *idle_notes(motors.idle))
             raise ModelImportError(f"finger {finger!r} has no actuated joint: {'; '.join(reasons)}")
     return fingers

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspforce._arrays import Array, as_positive
+from graspforce._util.arrays import Array, as_positive
 from graspforce.errors import InvalidInputError, ModelImportError
 
 # From here on a limit is reported. No finger joint gives 10 N·m; a leg's does, and its user can
@@ -28,7 +28,7 @@ class DriveLimit(NamedTuple):
     unit: str
     lo: float
     hi: float
-    lever: float
+    moment_arm: float
     """The largest torque at a hinge per unit of the drive's own; 0 where there is no hinge."""
 
 
@@ -38,8 +38,8 @@ class Limits(NamedTuple):
     lo: Array
     """shape (n_drives,) [N·m, N]."""
     hi: Array
-    reports: tuple[str, ...]
-    """What a user should doubt, a sentence each."""
+    warnings: tuple[str, ...]
+    """Limits that may be none of the motor's, a sentence each."""
 
 
 def as_tau_max(
@@ -84,20 +84,20 @@ def limits(drives: Sequence[DriveLimit], given: Mapping[str, float]) -> Limits:
             f"the model has no torque limit for {', '.join(missing)}: give tau_max, one number "
             f"for all joints or a mapping from names [N·m]"
         )
-    doubted: dict[str, list[str]] = {}
+    implausible: dict[str, list[str]] = {}
     for each in drives:
         size = max(-each.lo, each.hi)
-        large = size * each.lever >= IMPLAUSIBLE_TORQUE or (
+        large = size * each.moment_arm >= IMPLAUSIBLE_TORQUE or (
             each.unit == "N" and size >= IMPLAUSIBLE_FORCE
         )
         if large and each.name not in given:
-            doubted.setdefault(f"{size:g} {each.unit}", []).append(each.name)
+            implausible.setdefault(f"{size:g} {each.unit}", []).append(each.name)
     return Limits(
         np.array([-given[each.name] if each.name in given else each.lo for each in drives]),
         np.array([given.get(each.name, each.hi) for each in drives]),
         tuple(
             f"the file's limit of {size} for {', '.join(names)} may be a placeholder; give "
             f"tau_max if it is not the motor's"
-            for size, names in doubted.items()
+            for size, names in implausible.items()
         ),
     )

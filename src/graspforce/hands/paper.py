@@ -25,8 +25,8 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._arrays import Array, as_array, as_positive, require_choice
-from graspforce.contact import FPC, SFC, Contact, as_contacts
+from graspforce._util.arrays import Array, as_array, as_positive, require_choice
+from graspforce.contact import Contact, as_contacts
 from graspforce.errors import InvalidInputError
 
 BaseAxis: TypeAlias = Literal["palm_normal", "radial"]
@@ -195,12 +195,9 @@ class PaperHand:
         velocities = np.cross(axes, points[:, None] - origins)  # [finger, joint, xyz], per rate
         blocks: list[Array] = []
         for i, contact in enumerate(contacts):
-            frame = contact.frame
-            rows = [(velocities[i] @ (frame[:, :1] if isinstance(contact.model, FPC) else frame)).T]
-            if isinstance(contact.model, SFC):
-                rows.append((axes[i] @ frame[:, :1]).T)
+            twist = np.vstack((velocities[i].T, axes[i].T))  # of the tip, for each joint's rate
             block = np.zeros((contact.model.dim, 12))
-            block[:, 3 * i : 3 * i + 3] = np.vstack(rows)
+            block[:, 3 * i : 3 * i + 3] = contact.wrench_basis.T @ twist
             blocks.append(block)
         return np.vstack(blocks)
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 
 # Singular values below this share of the largest are rounding, not a motion.
 RANK_TOLERANCE = 1e-8
@@ -41,7 +41,7 @@ def transmission(drives: Array, couplings: Array) -> Transmission:
         couplings: the joint motions for which ``couplings @ dq`` is not 0 are impossible,
             shape (p, n_dofs).
 
-    Drives that act on the same motion share its load, each in proportion to its lever.
+    Drives that act on the same motion share its load, each in proportion to its moment arm.
     """
     allowed = _null_space(couplings)
     moved = drives @ allowed

@@ -16,7 +16,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any, Literal, Unpack, overload
 
-from graspforce._arrays import came, require_keywords
+from graspforce._util.arrays import came, require_keywords
 from graspforce.errors import InvalidInputError
 from graspforce.scenarios.log import Log, run
 from graspforce.scenarios.paper import (

@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array, came, require_instance
-from graspforce._util.atomic import replacing
+from graspforce._engine.outcome import Status
+from graspforce._engine.settings import Settings
+from graspforce._util.arrays import Array, came, require_instance
+from graspforce._util.atomic import atomic_write
 from graspforce.contact import ContactModel
 from graspforce.errors import InvalidInputError
-from graspforce.outcome import Status
 from graspforce.scenarios.scenario import Scenario
 from graspforce.servo import Servo
-from graspforce.settings import Settings
 from graspforce.solution import Solution
+from graspforce.solution.columns import Columns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +92,7 @@ class Log:
         """
         columns = self.table()
         with (
-            replacing(path) as temporary,
+            atomic_write(path) as temporary,
             temporary.open("w", newline="", encoding="utf-8") as file,
         ):
             writer = csv.writer(file)
@@ -137,19 +138,19 @@ def run(
         solutions.append(servo.step_to(problem))
         if progress is not None:
             progress(k)
-    tau = np.array([each.tau for each in solutions])
+    columns = Columns(solutions)
     return Log(
         scenario=scenario,
         t=scenario.times,
-        f=np.array([each.problem.f for each in solutions]),
-        engagement=np.array([each.problem.engagement for each in solutions]),
-        c=np.array([each.c for each in solutions]),
-        tau=tau,
-        normal_forces=np.array([each.normal_forces for each in solutions]),
-        friction_residual=np.array([each.friction_residual for each in solutions]),
-        torque_residual=np.array([each.torque_residual for each in solutions]),
-        max_torque=np.abs(tau).max(axis=1),
-        newton_steps=np.array([each.newton_steps for each in solutions]),
-        suboptimality=np.array([each.suboptimality for each in solutions]),
-        status=np.array([int(each.status) for each in solutions]),
+        f=columns.field("f"),
+        engagement=columns.field("engagement"),
+        c=columns.c,
+        tau=columns.tau,
+        normal_forces=columns.normal_forces,
+        friction_residual=columns.friction_residual,
+        torque_residual=columns.torque_residual,
+        max_torque=columns.max_torque,
+        newton_steps=columns.newton_steps,
+        suboptimality=columns.suboptimality,
+        status=columns.status,
     )

@@ -67,7 +67,7 @@ def static(
         hand: the hand; the paper's by default.
         mu: coefficient of friction [-].
         rate: ticks a second [Hz].
-        duration: [s].
+        duration: of the scenario [s].
     """
     return Scenario(
         name="static",
@@ -127,7 +127,7 @@ def regrasp(
         hand: the hand; the paper's by default.
         mu: coefficient of friction [-].
         rate: ticks a second [Hz].
-        duration: [s].
+        duration: of the scenario [s].
     """
     away = Release(finger=0, leave=0.5, back=1.5, ramp=0.25)
     return replace(

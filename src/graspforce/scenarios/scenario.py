@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspforce._arrays import Array, as_positive, require_instance
+from graspforce._util.arrays import Array, as_positive, require_instance
 from graspforce.contact import Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError
 from graspforce.grasp import Grasp
@@ -28,8 +28,8 @@ class Cube:
     """A cube of uniform density; its frame sits at its centre, axes along its edges.
 
     Args:
-        mass: [kg].
-        side: [m].
+        mass: of the cube [kg].
+        side: length of an edge [m].
     """
 
     mass: float
@@ -76,7 +76,7 @@ class Scenario:
         c_max: ceiling of every normal force [N], Eq. (20); None for torque limits alone.
         schedule: the contacts' engagement; needs c_max, the ceiling that it scales.
         rate: ticks a second [Hz].
-        duration: [s].
+        duration: of the scenario [s].
 
     Raises:
         InvalidInputError: an argument of the wrong kind, a number out of range, a schedule

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspforce._arrays import Array, as_array, require, require_instance
+from graspforce._engine.settings import Settings
+from graspforce._util.arrays import Array, as_array, require, require_instance
 from graspforce.scenarios.paper import static
 from graspforce.scenarios.scenario import Scenario
-from graspforce.settings import Settings
+from graspforce.solution.columns import Columns
 from graspforce.solve import solve
 
 
@@ -61,16 +62,15 @@ def sweep_alpha(
     scenario = static() if scenario is None else scenario
     require_instance(scenario, "scenario", Scenario)
     problem = scenario.problem(0.0)
-    solutions = [solve(problem.replace(alpha=float(alpha)), settings) for alpha in given]
-    tau = np.array([each.tau for each in solutions])
+    columns = Columns(solve(problem.replace(alpha=float(alpha)), settings) for alpha in given)
     return AlphaSweep(
         alpha=given,
-        c=np.array([each.c for each in solutions]),
-        tau=tau,
-        normal_forces=np.array([each.normal_forces for each in solutions]),
-        friction_residual=np.array([each.friction_residual for each in solutions]),
-        torque_residual=np.array([each.torque_residual for each in solutions]),
-        max_torque=np.abs(tau).max(axis=1),
-        newton_steps=np.array([each.newton_steps for each in solutions]),
-        status=np.array([int(each.status) for each in solutions]),
+        c=columns.c,
+        tau=columns.tau,
+        normal_forces=columns.normal_forces,
+        friction_residual=columns.friction_residual,
+        torque_residual=columns.torque_residual,
+        max_torque=columns.max_torque,
+        newton_steps=columns.newton_steps,
+        status=columns.status,
     )

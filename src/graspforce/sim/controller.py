@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.contact import PCWF, Contact, any_tangent, cross
 from graspforce.grasp_map import grasp_map
-from graspforce.outcome import Status
 from graspforce.problem import ForceProblem
 from graspforce.regrasp import is_removed, smooth
 from graspforce.servo import Servo
@@ -95,7 +95,7 @@ class Controller:
         engagement = self._engagement(t, touches)
         contacts = self._contacts(pose, touches, engagement)
         W = grasp_map(contacts, pose.position)
-        J = self._jacobian(contacts)
+        J = self._scene.contact_jacobian(contacts)
         own = self._own_torques(t, pose, touches, acceleration, contacts, engagement)
         solution = self._distribute(f, W, J, own, engagement)
         if solution.status is Status.SOLVED:
@@ -152,23 +152,14 @@ class Controller:
             contacts.append(Contact(point, R @ self._normals[i], model, R @ self._tangents[i]))
         return tuple(contacts)
 
-    def _jacobian(self, contacts: tuple[Contact, ...]) -> Array:
-        """Return J, shape (3 n, n_joints), in the contact frames."""
-        scene = self._scene
-        J = np.zeros((3 * len(contacts), scene.columns[-1].stop))
-        for i, contact in enumerate(contacts):
-            rows = contact.frame.T @ scene.jacobian(i, contact.point)
-            J[3 * i : 3 * i + 3, scene.columns[i]] = scene.side * rows
-        return J
-
     # ---- 3  the forces ---------------------------------------------------------------------
 
     def _distribute(self, f: Array, W: Array, J: Array, own: Array, engagement: Array) -> Solution:
-        trial, tau_max = self._trial, self._scene.tau_max
+        trial, grasp = self._trial, self._scene.grasp
         ceiling: dict[str, Any] = {} if trial.c_max is None else {"engagement": engagement}
         if self._servo is None:
             problem = ForceProblem(
-                W, f, PCWF(trial.mu), J, -tau_max, tau_max, own,
+                W, f, PCWF(trial.mu), J, grasp.tau_lo, grasp.tau_hi, own,
                 c_max=trial.c_max, alpha=trial.alpha, **ceiling,
             )  # fmt: skip
             self._servo = (Servo if trial.method == "wbf" else MinimumNorm)(problem)
@@ -187,7 +178,7 @@ class Controller:
     ) -> Array:
         """Return what the joints need beside J.T c, shape (n_joints,) [N·m]."""
         scene = self._scene
-        own = scene.bias
+        own = scene.grasp.tau_bias.copy()
         mass_matrix = scene.mass_matrix()
         for i, contact in enumerate(contacts):
             share = float(engagement[i])

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, npz_bytes
+from graspforce._util.atomic import atomic_write, check_output
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.files import check_output, replacing
-from graspforce.outcome import Status
 
 ENDINGS = (".npz", ".parquet", ".csv")
 
 
-# A tip that has gone farther than this on the object has slipped, and not only crept [m].
+# A tip that moved farther than this on the object has slipped; less is creep of the contact [m].
 SLIPPED = 1e-3
 
 
@@ -90,6 +90,8 @@ class Log:
     def blank(cls, ticks: int, nq: int, n: int, tau_max: Array) -> Log:
         """Return a log with room for T ticks of nq joint positions and n contacts.
 
+        What the force problems gave (c, newton_steps, status) is empty until the loop puts it in.
+
         Raises:
             InvalidInputError: more ticks than the memory holds.
         """
@@ -105,10 +107,10 @@ class Log:
         return cls(
             t=room(), qpos=room(nq), position=room(3), quaternion=room(4), target_position=room(3),
             position_error=room(), rotation_error=room(), yaw=room(), engagement=room(n),
-            c=room(3 * n), force=room(n, 3), normal_force=room(n), point=room(n, 3),
-            normal=room(n, 3), clearance=room(n), tau=room(len(tau_max)), tau_max=tau_max,
-            slip=room(n), newton_steps=np.zeros(ticks, np.int64),
-            status=np.zeros(ticks, np.int64),
+            force=room(n, 3), normal_force=room(n), point=room(n, 3), normal=room(n, 3),
+            clearance=room(n), tau=room(len(tau_max)), tau_max=tau_max, slip=room(n),
+            c=np.empty((0, 3 * n)), newton_steps=np.empty(0, np.int64),
+            status=np.empty(0, np.int64),
         )  # fmt: skip
 
     def ended(self, ticks: int, ending: Ending, message: str) -> Log:
@@ -170,12 +172,11 @@ class Log:
         path = Path(path)
         check_log_file(path)
         suffix = path.suffix.lower()
-        with replacing(path) as temporary:
+        with atomic_write(path) as temporary:
             if suffix == ".npz":
                 arrays = {name: getattr(self, name) for name in (*_PER_TICK, "tau_max")}
                 words: dict[str, Any] = {"ending": self.ending.name, "message": self.message}
-                with temporary.open("wb") as file:
-                    np.savez_compressed(file, **arrays, **words)
+                temporary.write_bytes(npz_bytes(arrays | words))
             elif suffix == ".parquet":
                 arrow, parquet = _pyarrow()
                 about = {"ending": self.ending.name, "message": self.message}

@@ -7,13 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from graspforce._arrays import Array
-from graspforce.outcome import Status
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce.sim.controller import Command, Controller, rotation_vector
 from graspforce.sim.engine import mj, quiet
 from graspforce.sim.log import Ending, Log
 from graspforce.sim.scene import Pose, Scene, Touch
 from graspforce.sim.trial import Trial
+from graspforce.solution import Solution
+from graspforce.solution.columns import Columns
 from graspforce.trajectory import State
 
 # Farther from its target than this, or turned off it by more, the object counts as dropped.
@@ -42,10 +44,13 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
     log = Log.blank(trial.ticks, trial.model.nq, len(trial.fingers), scene.tau_max)
     slip = np.zeros(len(trial.fingers))
     pose, touches = scene.pose(), scene.touches()
+    solutions: list[Solution] = []
+    ending, message = Ending.COMPLETED, ""
     refusal = ""  # the first tick without forces, and why: often what began it
     for tick in range(trial.ticks):
         t = tick / trial.rate
         command = controller.step(t, *world.measured(pose, touches))
+        solutions.append(command.solution)
         if command.solution.status is not Status.SOLVED and not refusal:
             refusal = f"; tick {tick} was the first without forces: {command.solution.message}"
         tau = world.delayed(command.tau)
@@ -68,8 +73,11 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
         ]
         ending, cause = _end(scene, log.position_error[tick], log.rotation_error[tick], lost)
         if ending is not Ending.COMPLETED:
-            return log.ended(tick + 1, ending, f"at tick {tick} ({t:.3f} s) {cause}{refusal}")
-    return log
+            message = f"at tick {tick} ({t:.3f} s) {cause}{refusal}"
+            break
+    columns = Columns(solutions)
+    log.c, log.newton_steps, log.status = columns.c, columns.newton_steps, columns.status
+    return log.ended(len(columns), ending, message)
 
 
 def _end(
@@ -184,12 +192,9 @@ def _write(
     yaw = np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])
     log.yaw[tick] = np.unwrap([log.yaw[tick - 1], yaw])[1] if tick else yaw
     log.engagement[tick] = command.engagement
-    log.c[tick] = command.solution.c
     for i, (touch, contact) in enumerate(zip(touches, command.contacts, strict=True)):
         log.point[tick, i] = contact.point
         log.normal[tick, i] = contact.normal
         log.clearance[tick, i] = 0.0 if touch is not None else scene.clearance(i)
     log.tau[tick] = command.tau
     log.slip[tick] = slip
-    log.newton_steps[tick] = command.solution.newton_steps
-    log.status[tick] = command.solution.status

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.hands.paper import PaperHand
 from graspforce.sim.engine import mj
 from graspforce.sim.trial import Finger

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.errors import InvalidInputError
 from graspforce.sim.engine import mj
 from graspforce.sim.scene import Indices

@@ -26,12 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
+from graspforce._util.atomic import atomic_write, check_output
 from graspforce.contact import FPC, Contact
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.files import check_output, replacing
-from graspforce.hands.mujoco_model import no_opengl
-from graspforce.sim.engine import mj
+from graspforce.sim.engine import mj, no_opengl
 from graspforce.sim.log import Log
 from graspforce.sim.trial import Trial
 
@@ -158,7 +157,7 @@ def save_still(trial: Trial, log: Log, path: str | Path, t: float) -> None:
     imageio = _imageio()
     with Camera(trial, log, 1280, 960) as camera:
         image = camera.image(tick)
-    with replacing(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_bytes(imageio.imwrite("<bytes>", image, extension=".png"))
 
 
@@ -193,7 +192,7 @@ def save_video(
                 progress(index + 1, len(ticks))
 
     write = _write_gif if Path(path).suffix.lower() == ".gif" else _write_mp4
-    with Camera(trial, log) as camera, replacing(path) as temporary:
+    with Camera(trial, log) as camera, atomic_write(path) as temporary:
         write(temporary, images(camera))
 
 

@@ -1,23 +1,25 @@
 """A running MuJoCo simulation, as the controller and the log see it.
 
-Everything that has to do with MuJoCo's indices is here: which degrees of freedom are whose, which
-contact belongs to which finger, where its normal points. World axes throughout.
+Contacts, J and bias torques are those that :class:`graspforce.hands.MujocoGrasp` reads for
+everybody. What a control law needs besides is here: which contact belongs to which finger, how
+fingertips and object move, the inertia of the joints. World axes throughout.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._arrays import Array
-from graspforce.contact import cross
+from graspforce._util.arrays import Array
+from graspforce.contact import Contact, cross
 from graspforce.errors import ModelImportError
-from graspforce.hands.mujoco_model import drives, is_plain_motor
+from graspforce.hands.mujoco.grasp import MujocoGrasp
+from graspforce.hands.mujoco.model import drives, is_plain_motor
 from graspforce.sim.engine import mj
 from graspforce.sim.trial import Finger, Trial
 
@@ -64,6 +66,7 @@ class Scene:
     Attributes:
         model: the trial's model, copied.
         data: its state.
+        grasp: what it says of contacts, limits and bias torques, joints in the trial's order.
         dofs: for each finger the indices of its degrees of freedom.
         columns: for each finger its joints' places in tau.
         tau_max: torque limit of every joint, shape (n_joints,) [N·m].
@@ -106,12 +109,16 @@ class Scene:
         )
         self._partners = {int(each) for each in partners}
         self._finger_of = {tip: i for i, tip in enumerate(self.tips)}
+        self._tip_bodies: list[int] = self.model.geom_bodyid[self.tips].tolist()
         self.forces = np.zeros((len(self.tips), 3))
         nv = self.model.nv
         self._jacobian, self._jacobian_dot = np.zeros((3, nv)), np.zeros((3, nv))
         self._six, self._mass_matrix = np.zeros(6), np.zeros((nv, nv))
         self._start_moving(trial)
         mj.mj_step1(self.model, self.data)
+        self.grasp = MujocoGrasp(
+            self.model, self.data, trial.body, names, dict(zip(names, self.tau_max, strict=True))
+        )
 
     def _start_moving(self, trial: Trial) -> None:
         """Give a free object the velocity that its motion begins with, and the fingers theirs."""
@@ -211,22 +218,21 @@ class Scene:
     def touches(self) -> list[Touch | None]:
         """Return the contact of every finger; None for one that is off."""
         found: list[Touch | None] = [None] * len(self.tips)
-        contacts = self.data.contact
-        for k, finger, inward in self._contacts():
-            found[finger] = Touch(contacts.pos[k].copy(), inward * contacts.frame[k, :3])
+        points, normals = self.grasp.points, self.grasp.normals
+        for k, finger in self._contacts():
+            found[finger] = Touch(points[k].copy(), normals[k].copy())
         return found
 
-    def _contacts(self) -> Iterator[tuple[int, int, float]]:
-        """Yield the contacts of fingertips: index, finger, and whether its normal points inward.
+    def _contacts(self) -> Iterator[tuple[int, int]]:
+        """Yield the contacts of fingertips: their places among those of ``grasp``, the finger."""
+        for k, (maker, own) in enumerate(self.grasp.geoms.tolist()):
+            tip, partner = (maker, own) if self.side > 0 else (own, maker)
+            if tip in self._finger_of and partner in self._partners:
+                yield k, self._finger_of[tip]
 
-        MuJoCo's normals point from the first geom to the second. Inward is from a fingertip into
-        the object, and from the ground into a foot.
-        """
-        for k, (first, second) in enumerate(self.data.contact.geom.tolist()):
-            if first in self._partners and second in self._finger_of:
-                yield k, self._finger_of[second], -self.side
-            elif second in self._partners and first in self._finger_of:
-                yield k, self._finger_of[first], self.side
+    def contact_jacobian(self, contacts: Sequence[Contact]) -> Array:
+        """Return J of contacts made by the fingers in their order, shape (m, n_joints)."""
+        return self.grasp.jacobian(contacts, self._tip_bodies)
 
     def tip(self, finger: int) -> tuple[Array, float]:
         """Return a tip's centre, shape (3,), and its radius [m]."""
@@ -274,11 +280,6 @@ class Scene:
         """Joint rates of all fingers, shape (n_joints,) [rad/s]."""
         return self.data.qvel[self._dof]
 
-    @property
-    def bias(self) -> Array:
-        """Torques that balance gravity, rotation and damping in all joints [N·m]."""
-        return self.data.qfrc_bias[self._dof] - self.data.qfrc_passive[self._dof]
-
     # ---- time ------------------------------------------------------------------------------
 
     def step(self, tau: Array) -> None:
@@ -288,13 +289,14 @@ class Scene:
         if self.trouble():
             return
         # Only between these two are the forces those of the contacts that the data list.
+        forces = self.grasp.W[:3] * self.grasp.contact_forces(self.data)
+        ends = np.cumsum(self.grasp.dims)
         self.forces[:] = 0.0
-        for k, finger, inward in self._contacts():
-            mj.mj_contactForce(self.model, self.data, k, self._six)
-            # MuJoCo's is the force on the second geom, in the contact's frame, whose axes are rows.
-            axes = self.data.contact.frame[k].reshape(3, 3)
-            self.forces[finger] += inward * (self._six[:3] @ axes)
+        for k, finger in self._contacts():
+            self.forces[finger] += forces[:, ends[k] - self.grasp.dims[k] : ends[k]].sum(axis=1)
         mj.mj_step1(self.model, self.data)
+        if not self.trouble():
+            self.grasp.update(self.data)
 
     def trouble(self) -> str:
         """Return why the state can no longer be trusted; empty when it can."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
-from graspforce._arrays import Array, as_array, as_positive
+from graspforce._util.arrays import Array, as_array, as_positive
 from graspforce.contact import FPC, Contact
 from graspforce.errors import InvalidInputError
 from graspforce.regrasp import Release, Schedule

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.sim import parts
 from graspforce.sim.allegro import TIP_RADIUS, allegro_hand
 from graspforce.sim.engine import mj
-from graspforce.sim.motions import Move
 from graspforce.sim.reach import reach
 from graspforce.sim.scenes.choice import chosen
 from graspforce.sim.trial import Grip, Trial
+from graspforce.trajectory import Move
 
 CENTRE = np.array([0.085, -0.008, 0.0165])
 MASS = 0.15  # of every object [kg]

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.hands.paper import PaperHand
 from graspforce.regrasp import Release
 from graspforce.sim import parts
 from graspforce.sim.engine import mj
-from graspforce.sim.motions import Screw
 from graspforce.sim.trial import Gains, Grip, Step, Trial
+from graspforce.trajectory import Screw
 
 HAND = PaperHand("radial")
 RADIUS = 0.03  # of the globe [m]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.contact import PCWF
 from graspforce.hands.paper import PaperHand
 from graspforce.regrasp import Release

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._arrays import Array
+from graspforce._util.arrays import Array
 from graspforce.sim import parts
 from graspforce.sim.engine import mj
-from graspforce.sim.motions import Sway
 from graspforce.sim.reach import reach
 from graspforce.sim.trial import Finger, Grip, Trial
+from graspforce.trajectory import Sway
 
 _HIPS = ((0.19, 0.10), (0.19, -0.10), (-0.19, 0.10), (-0.19, -0.10))  # x, y on the trunk [m]
 _OUT = 0.04  # from the hip's first axis to the leg's plane [m]

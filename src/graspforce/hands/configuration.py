@@ -1,0 +1,187 @@
+"""A robot at one configuration: what moves it, within which limits, and what nothing controls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from graspforce._util.arrays import Array
+from graspforce.contact import Contact
+from graspforce.hands.hand import Actuation
+from graspforce.hands.limits import DriveLimit, as_tau_max, has_motor, limits
+from graspforce.hands.transmission import RANK_TOLERANCE, Transmission
+
+
+class HasLimit(Protocol):
+    """A drive, whatever else its library has to remember of it."""
+
+    @property
+    def limit(self) -> DriveLimit:
+        """Its name and the file's limits."""
+        ...
+
+
+class Configuration(Protocol):
+    """A robot at one configuration."""
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """The joints of the degrees of freedom that ``transmission`` speaks of."""
+        ...
+
+    @property
+    def transmission(self) -> Transmission:
+        """How the drives move the joints there; columns in the order of the drives."""
+        ...
+
+    def twist(self, link: str, point: Array | None) -> Array:
+        """Return a link's velocity by each joint's, at ``point`` or at the link's own origin.
+
+        Returns:
+            shape (6, n_dofs): [linear; angular], axes of the hand's frame.
+        """
+        ...
+
+    def position(self, link: str) -> Array:
+        """Return a link's origin, shape (3,) [m], in the hand's frame."""
+        ...
+
+
+D = TypeVar("D", bound=HasLimit)
+
+
+class Motors(NamedTuple, Generic[D]):
+    """The drives that have motors, and the limits that hold for them."""
+
+    drives: tuple[D, ...]
+    joint_names: tuple[str, ...]
+    tau_lo: Array
+    tau_hi: Array
+    warnings: tuple[str, ...]
+    """Limits that may be none of the motor's, a sentence each."""
+    idle: tuple[str, ...]
+    """Drives whose motors have no torque."""
+
+    def actuation(self, transmission: Transmission, full: Array, bias: Array) -> Actuation:
+        """Return what the joints bring into the force problem.
+
+        Args:
+            transmission: how the drives move the joints.
+            full: Jacobian over all joints in the contact frames, shape (m, n_dofs).
+            bias: what all joints must give besides, shape (n_dofs,).
+        """
+        driven, free = transmission
+        loaded = loaded_motions(full, free)
+        return Actuation(
+            self.joint_names, full @ driven, self.tau_lo, self.tau_hi, driven.T @ bias,
+            (full @ loaded).T, -loaded.T @ bias,
+        )  # fmt: skip
+
+
+def choose_motors(drives: Sequence[D], tau_max: float | Mapping[str, float] | None) -> Motors[D]:
+    """Choose those of the drives that have motors and settle their limits.
+
+    Raises:
+        InvalidInputError: ``tau_max`` is wrong or names what is not there.
+        ModelImportError: a drive without a limit.
+    """
+    given = as_tau_max(tau_max, [each.limit.name for each in drives])
+    kept = tuple(each for each in drives if has_motor(each.limit, given))
+    allowed = limits([each.limit for each in kept], given)
+    return Motors(
+        kept, tuple(each.limit.name for each in kept), allowed.lo, allowed.hi, allowed.warnings,
+        tuple(each.limit.name for each in drives if not has_motor(each.limit, given)),
+    )  # fmt: skip
+
+
+def warnings_of(
+    motors: Motors[D], transmission: Transmission, dof_names: Sequence[str]
+) -> tuple[str, ...]:
+    """Return what should not be believed silently, a sentence each."""
+    return (*motors.warnings, *_uncontrolled(transmission, dof_names))
+
+
+def notes_of(
+    motors: Motors[D], transmission: Transmission, dof_names: Sequence[str]
+) -> tuple[str, ...]:
+    """Return what else there is to know, a sentence each."""
+    coupled = _coupling_notes(transmission, dof_names, motors.joint_names)
+    return (*idle_notes(motors.idle), *coupled)
+
+
+def idle_notes(idle: Sequence[str]) -> list[str]:
+    """Say which motors the file gives no torque, a sentence each."""
+    return [
+        f"the file gives {name!r} no torque at all: taken as without a motor; tau_max gives it one"
+        for name in idle
+    ]
+
+
+def full_jacobian(contacts: Sequence[Contact], twists: Iterable[Array]) -> Array:
+    """Return the Jacobian over all joints in the contact frames, shape (m, n_dofs).
+
+    Args:
+        contacts: n contacts; FPC has the normal row, PCWF those of normal, x and y, SFC torsion
+            besides.
+        twists: for each, the velocity of its link at the contact point, shape (6, n_dofs).
+    """
+    pairs = zip(contacts, twists, strict=True)
+    return np.vstack([contact.wrench_basis.T @ twist for contact, twist in pairs])
+
+
+def loaded_motions(full: Array, free: Array) -> Array:
+    """Return the free motions that contacts can load, shape (n_dofs, k): orthonormal columns.
+
+    Args:
+        full: Jacobian over all joints, shape (m, n_dofs).
+        free: the motions that no drive takes part in, shape (n_dofs, at least k).
+    """
+    if not free.shape[1]:
+        return free
+    left, sizes, _ = np.linalg.svd((full @ free).T, full_matrices=False)
+    scale = np.abs(full).max(initial=0.0)
+    return free @ left[:, sizes > RANK_TOLERANCE * scale]
+
+
+def _coupling_notes(
+    transmission: Transmission, dof_names: Sequence[str], joint_names: Sequence[str]
+) -> list[str]:
+    """Say which joints a drive moves besides its own, a sentence each."""
+    notes: list[str] = []
+    for column, drive in enumerate(joint_names):
+        ratios = transmission.driven[:, column]
+        others = [
+            f"{name!r} by {ratio:.4g}"
+            for name, ratio in zip(dof_names, ratios.tolist(), strict=True)
+            if ratio and name != drive
+        ]
+        if others:
+            notes.append(f"{drive!r} also moves {', '.join(others)} per unit of its own motion")
+    return notes
+
+
+def _uncontrolled(transmission: Transmission, dof_names: Sequence[str]) -> list[str]:
+    """Say which motions no drive takes part in, a sentence for each set of joints."""
+    projector = transmission.free @ transmission.free.T
+    together = np.abs(projector) > 1e-9
+    left = [i for i in range(len(dof_names)) if together[i, i]]
+    sentences: list[str] = []
+    while left:
+        group = {left[0]}
+        while True:
+            wider = {j for i in group for j in np.flatnonzero(together[i]).tolist()}
+            if wider <= group:
+                break
+            group |= wider
+        left = [i for i in left if i not in group]
+        members = sorted(group)
+        names = ", ".join(repr(dof_names[i]) for i in members)
+        count = round(float(np.trace(projector[np.ix_(members, members)])))
+        what = names if count == len(members) else f"{count} of {len(members)} motions of {names}"
+        sentences.append(
+            f"no motor controls {what}: only contact forces that leave this unloaded can be held "
+            f"(passive_rows)"
+        )
+    return sentences

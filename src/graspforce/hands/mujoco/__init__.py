@@ -1,0 +1,1 @@
+"""Hands and grasps read from MuJoCo models and simulations."""

@@ -1,0 +1,146 @@
+"""The contacts of an object in a MuJoCo simulation: places, frames, friction, forces."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._util.arrays import Array
+from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
+from graspforce.hands.mujoco.model import loose_bodies, mujoco_module
+
+Indices: TypeAlias = NDArray[np.intp]
+
+
+class Contacts(NamedTuple):
+    """The object's n active contacts, as arrays."""
+
+    places: Indices
+    """In ``data.contact``."""
+    geoms: Indices
+    """shape (n, 2): what makes the contact, and the object's."""
+    bodies: Indices
+    """Theirs."""
+    side: Array
+    """1 where the object's geom is MuJoCo's second, −1 where it is the first."""
+    points: Array
+    """shape (n, 3) [m]."""
+    axes: Array
+    """shape (n, 3, 3): rows normal into the object, x, y."""
+    dims: Indices
+    """Components of each: 1 for FPC, 3 for PCWF, 4 for SFC."""
+    mu: Array
+    gamma: Array
+    left_out: Indices
+    """Bodies that make contacts which are left out; −1 for a deformable one."""
+
+    @property
+    def models(self) -> tuple[ContactModel, ...]:
+        """The contact models that lie within MuJoCo's cones."""
+        numbers = zip(self.dims.tolist(), self.mu.tolist(), self.gamma.tolist(), strict=True)
+        return tuple(
+            FPC() if dim == 1 else PCWF(mu) if dim == 3 else SFC(mu, gamma)
+            for dim, mu, gamma in numbers
+        )
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts one by one."""
+        return tuple(
+            Contact(point, axes[0], model, axes[1])
+            for point, axes, model in zip(self.points, self.axes, self.models, strict=True)
+        )
+
+    def wrenches(self, origin: Array) -> Array:
+        """Return the wrench of each component of c about ``origin``, shape (m, 6)."""
+        wrenches = np.zeros((len(self.axes), 4, 6))
+        wrenches[:, :3, :3] = self.axes
+        wrenches[:, :3, 3:] = self.axes @ -cross_matrices(self.points - origin)
+        wrenches[:, 3, 3:] = self.axes[:, 0]
+        return wrenches[self._components]
+
+    def forces(self, model: Any, data: Any) -> Array:
+        """Return the physics' contact forces, shape (m,)."""
+        mj = mujoco_module()
+        c = np.zeros((len(self.places), 6))
+        for force, place in zip(c, self.places.tolist(), strict=True):
+            mj.mj_contactForce(model, data, place, force)
+        # MuJoCo's is on the second geom. With the other sign its axes normal and y are turned
+        # round, so that of its components only that along x changes its sign.
+        c[:, 1] *= self.side
+        return c[:, :4][self._components]
+
+    @property
+    def _components(self) -> NDArray[np.bool_]:
+        """Which of [normal, x, y, torsion] each contact has, shape (n, 4): the first ones."""
+        return np.arange(4) < self.dims[:, None]
+
+
+class ContactReader:
+    """Finds the active contacts of an object with anything that is not loose itself."""
+
+    def __init__(self, model: Any, inside: NDArray[np.bool_]) -> None:
+        """Look up which geoms are the object's.
+
+        Args:
+            model: the model.
+            inside: which bodies make up the object, shape (nbody,).
+        """
+        self._model = model
+        # The last entry is for a deformable body's −1.
+        self._of_object: NDArray[np.bool_] = np.append(inside[model.geom_bodyid], False)
+        self._body_of_geom: Indices = np.append(model.geom_bodyid, 0)
+        self._floating = loose_bodies(model, np.zeros((0, model.nv)))
+
+    def read(self, data: Any, moments: Array) -> Contacts:
+        """Return the contacts that the data list.
+
+        Args:
+            data: the simulation's data.
+            moments: the drives' motions by joint motion, shape (n_drives, nv).
+        """
+        seen = data.contact
+        geoms: Indices = seen.geom
+        of_object = self._of_object[geoms]
+        second = of_object[:, 1]
+        ordered: Indices = np.where(second[:, None], geoms, geoms[:, ::-1])
+        bodies = self._body_of_geom[ordered]
+        active = (of_object[:, 0] != second) & (seen.exclude == 0)
+        deformable = ordered[:, 0] < 0
+        usable = ~deformable
+        if self._floating[bodies[active, 0]].any():  # else there is nothing loose at hand
+            usable &= ~loose_bodies(self._model, moments)[bodies[:, 0]]
+        left_out = np.where(deformable, -1, bodies[:, 0])[active & ~usable]
+        places = np.flatnonzero(active & usable)
+        side = np.where(second[places], 1.0, -1.0)
+        # MuJoCo's normal points from the first geom to the second; x stays, and y follows.
+        axes = seen.frame[places].reshape(-1, 3, 3)
+        axes[:, ::2] *= side[:, None, None]
+        return Contacts(
+            places, ordered[places], bodies[places], side, seen.pos[places], axes,
+            *_friction(seen.dim[places], seen.friction[places]), left_out,
+        )  # fmt: skip
+
+
+def cross_matrices(arms: Array) -> Array:
+    """Return matrices K with ``K[i] @ v = arms[i] × v``, shape (n, 3, 3)."""
+    matrices = np.zeros((len(arms), 3, 3))
+    x, y, z = arms.T
+    matrices[:, 0, 1], matrices[:, 1, 0] = -z, z
+    matrices[:, 2, 0], matrices[:, 0, 2] = -y, y
+    matrices[:, 1, 2], matrices[:, 2, 1] = -x, x
+    return matrices
+
+
+def _friction(dim: Array, friction: Array) -> tuple[Indices, Array, Array]:
+    """Return components, mu and gamma of the contact models that lie within MuJoCo's cones.
+
+    MuJoCo's least coefficient, which it puts in place of 0, is no friction. Of two tangential
+    coefficients the smaller counts; rolling friction (dim 6) is not used.
+    """
+    least = float(mujoco_module().mjMINMU)
+    mu, gamma = friction[:, :2].min(axis=1), friction[:, 2]
+    dims = np.where((dim == 1) | (mu <= least), 1, np.where((dim == 3) | (gamma <= least), 3, 4))
+    return dims, mu, gamma

@@ -1,0 +1,451 @@
+"""The grasp that a MuJoCo simulation is in: contacts, W, Jacobian, bias torques, limits.
+
+Everything is read from where ``mj_step``, ``mj_step1`` or ``mj_forward`` has left it, hence all of
+one moment. The object is a body with all that hangs on it, so that a robot that stands on its feet
+is one too: J is the velocity of what makes a contact relative to the object, whichever of the two
+the joints move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._util.arrays import Array, as_tuple, came, index_of
+from graspforce.contact import Contact, ContactModel, as_contacts
+from graspforce.errors import InvalidInputError, warn
+from graspforce.grasp_map import map_about
+from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
+from graspforce.hands.hand import Actuation
+from graspforce.hands.imported import as_fingertips, as_link
+from graspforce.hands.limits import has_motor
+from graspforce.hands.mujoco.contacts import ContactReader, Indices, cross_matrices
+from graspforce.hands.mujoco.model import (
+    Drive,
+    body_of,
+    coupling_rows,
+    dof_names,
+    dofs_above,
+    drive_rows,
+    drives,
+    links_of,
+    mujoco_module,
+    name_of,
+    taking_part,
+)
+from graspforce.hands.transmission import Transmission, connected_dofs, transmission
+
+
+class _Hand(NamedTuple):
+    """The joints that move the contacts, and how the motors move these joints."""
+
+    key: tuple[bytes, ...]
+    """All that it was made from."""
+    moments: Array
+    """Motion of each drive of the model by joint motion, shape (n_drives, nv)."""
+    couplings: Array
+    """Gradients of the active equalities between joints, shape (p, nv)."""
+    dofs: Indices
+    motors: Motors[Drive]
+    transmission: Transmission
+
+
+class MujocoGrasp:
+    """The grasp that a MuJoCo simulation is in, read anew in every tick of a loop.
+
+    What does not change is looked up once: which bodies and geoms are the object's, which joints
+    move which body, motors and their limits. :meth:`update` reads what moves; the attributes are
+    then those of a :class:`graspforce.Grasp` that is read from the same data::
+
+        reader = gf.hands.MujocoGrasp(model, data, "cube", joints=grasp.joint_names)
+        reader.update(data)
+        solution = servo.step(W=reader.W, J=reader.J, tau_bias=reader.tau_bias)
+
+    Masses, gravity, friction, joint positions, equalities that are switched on or off: all that
+    MuJoCo computes anew counts from the next update on. After a change of limits, gears or the
+    tree of bodies make a new reader.
+
+    Args:
+        model: the ``mujoco.MjModel``.
+        data: its ``mujoco.MjData``, after ``mj_step``, ``mj_step1`` or ``mj_forward``; it is read
+            once, as by :meth:`update`.
+        object_body: name or number of the object's body. What hangs on it belongs to it: with the
+            trunk of a robot on its feet the ground's contacts carry the robot.
+        joints: joints and tendons with motors, in the order of tau; the other motors are taken to
+            hold their joints still. By default, those that move what touches, which change as
+            contacts come and go.
+        tau_max: torque limits in place of the model's, both ways: one number for all, or by name
+            [N·m; N for slides and tendons].
+
+    Attributes:
+        origin: the object's centre of mass, about which torques are taken, shape (3,) [m].
+        W: grasp map, shape (6, m), world axes.
+        J: hand Jacobian in contact frames, shape (m, n_joints).
+        joint_names: the n_joints joints and tendons.
+        tau_lo: lower torque limits, shape (n_joints,) [N·m; N for slides and tendons].
+        tau_hi: upper torque limits, likewise.
+        tau_bias: the torques at which the joints do not accelerate while nothing touches:
+            gravity, Coriolis forces, and what springs, dampers and fluids do to the joints.
+        passive_rows: virtual work of c over the motions that no motor moves, shape (k, m).
+        passive_loads: what it has to be, shape (k,).
+
+    Raises:
+        MissingExtraError: MuJoCo is not installed.
+        InvalidInputError: a name that is not there; an object that is fixed; as :meth:`update`.
+        ModelImportError: a joint or tendon with a motor but without a torque limit.
+
+    Warns:
+        GraspForceWarning: implausible limits, motions that no motor controls, contacts that are
+            left out; later updates only note them.
+    """
+
+    W: Array
+    origin: Array
+    joint_names: tuple[str, ...]
+    J: Array
+    tau_lo: Array
+    tau_hi: Array
+    tau_bias: Array
+    passive_rows: Array
+    passive_loads: Array
+    actuation: Actuation
+
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        object_body: str | int,
+        joints: Sequence[str] | None = None,
+        tau_max: float | Mapping[str, float] | None = None,
+    ) -> None:
+        mj = mujoco_module()
+        if not isinstance(model, mj.MjModel):
+            raise InvalidInputError(
+                f"model: got a {type(model).__name__}, expected an mujoco.MjModel"
+            )
+        self._model = model
+        self._body = _as_body(model, object_body, "object_body")
+        self._top = int(model.body_weldid[self._body])
+        if not self._top:
+            raise InvalidInputError(
+                f"object_body: {object_body!r} is fixed to the world, expected a body that can move"
+            )
+        self._drives, self._motor_notes = drives(model)
+        self._chosen = None if joints is None else _indices(joints, self._drives)
+        self._tau_max = tau_max
+        above = dofs_above(model)
+        inside = np.zeros(model.nbody, dtype=bool)
+        for body in range(self._top, model.nbody):  # a body comes after its parent
+            inside[body] = body == self._top or inside[model.body_parentid[body]]
+        # How a body at a contact moves relative to the object, per joint rate: as it does, or if
+        # it belongs to the object, as the object does relative to it.
+        self._acting = above.astype(float)
+        self._acting[inside] = -1.0 * (above[inside] & ~above[self._top])
+        self._above = above
+        self._reader = ContactReader(model, inside)
+        self._root_of_dof = model.body_rootid[model.dof_bodyid]
+        self._hand: _Hand | None = None
+        self.update(data)
+        warn(*self._warnings())
+
+    def update(self, data: Any) -> None:
+        """Read the grasp that the data are in.
+
+        Args:
+            data: ``mujoco.MjData`` of the model, after ``mj_step``, ``mj_step1`` or ``mj_forward``.
+
+        Raises:
+            InvalidInputError: data of another model, or in which nothing is computed yet.
+            ModelImportError: another joint has come to take part, which has no torque limit.
+        """
+        model = self._model
+        _require_data(data, model)
+        moments, couplings = drive_rows(model, data, self._drives), coupling_rows(model, data)
+        if self._drives and not moments.any():
+            raise InvalidInputError(
+                "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
+            )
+        contacts = self._reader.read(data, moments)
+        acting = self._acting[contacts.bodies].sum(axis=1)
+        hand = self._hand_of(np.any(acting != 0, axis=0), moments, couplings)
+        origin = np.array(data.subtree_com[self._top])
+        wrenches = contacts.wrenches(origin)
+        screws = self._read_screws(data, hand.dofs, origin)
+        full = wrenches @ screws.T
+        full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
+        actuation = hand.motors.actuation(hand.transmission, full, self._bias(data)[hand.dofs])
+        self._contacts, self._hand, self._screws = contacts, hand, screws
+        self.origin, self.actuation = origin, actuation
+        self.W = np.ascontiguousarray(wrenches.T)
+        (
+            self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
+            self.passive_rows, self.passive_loads,
+        ) = actuation  # fmt: skip
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The object's active contacts, in the order of ``data.contact``."""
+        return self._contacts.contacts
+
+    @property
+    def models(self) -> tuple[ContactModel, ...]:
+        """The contacts' models: the cone that lies within MuJoCo's."""
+        return self._contacts.models
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The body that makes each contact; the object's own where only that is moved by joints."""
+        body = mujoco_module().mjtObj.mjOBJ_BODY
+        maker, own = self._contacts.bodies[:, 0], self._contacts.bodies[:, 1]
+        moved: NDArray[np.bool_] = np.any(self._acting != 0, axis=1)
+        only_own = moved[own] & ~moved[maker]
+        made_by: Indices = np.where(only_own, own, maker)
+        return tuple(name_of(self._model, body, each) for each in made_by.tolist())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader found that a user should know, a sentence each."""
+        mj = mujoco_module()
+        hand = self._found
+        notes = [
+            *self._warnings(),
+            *notes_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
+            *self._motor_notes,
+        ]
+        absent = self.fingers_without_contact()
+        if absent:
+            notes.append(f"not in contact with {self.object_name!r}: {', '.join(absent)}")
+        if int(self._model.opt.cone) == int(mj.mjtCone.mjCONE_PYRAMIDAL):
+            notes.append(
+                "the simulation's friction pyramids lie inside the exact cones of the grasp"
+            )
+        return tuple(notes)
+
+    @property
+    def object_name(self) -> str:
+        """The name of the object's body."""
+        return name_of(self._model, mujoco_module().mjtObj.mjOBJ_BODY, self._body)
+
+    @property
+    def geoms(self) -> Indices:
+        """The geoms at each contact: what makes it, and the object's, shape (n, 2)."""
+        return self._contacts.geoms
+
+    @property
+    def dims(self) -> Indices:
+        """How many components of c each contact has, shape (n,)."""
+        return self._contacts.dims
+
+    @property
+    def points(self) -> Array:
+        """The contacts' points, shape (n, 3) [m]."""
+        return self._contacts.points
+
+    @property
+    def normals(self) -> Array:
+        """The contacts' unit normals into the object, shape (n, 3)."""
+        return self._contacts.axes[:, 0]
+
+    def jacobian(self, contacts: Sequence[Contact], links: Sequence[str | int]) -> Array:
+        """Return J of contacts that do not come from MuJoCo: measured or planned ones.
+
+        Args:
+            contacts: n contacts, in the world's axes.
+            links: for each the body that makes it, or of the object the body that it is on, by
+                name or number.
+
+        Returns:
+            shape (m, n_joints), in the contact frames.
+
+        Raises:
+            InvalidInputError: something that is no contact, another number of links, a name that
+                is not there; a link of other joints than those that move what touches, where
+                these were not given.
+        """
+        given, hand = as_contacts(contacts), self._found
+        if len(links) != len(given):
+            raise InvalidInputError(
+                f"links: got {len(links)}, expected {len(given)}, one a contact"
+            )
+        bodies = [_as_body(self._model, link, "links") for link in links]
+        if self._chosen is None:
+            elsewhere = np.delete(self._acting[bodies], hand.dofs, axis=1).any(axis=1)
+            for link in np.array(links)[elsewhere].tolist():
+                raise InvalidInputError(
+                    f"links: {link!r} is moved by other joints than those that move what touches; "
+                    "expected a MujocoGrasp with joints=…"
+                )
+        full = map_about(self.origin, given).T @ self._screws.T
+        dims = [contact.model.dim for contact in given]
+        full *= np.repeat(self._acting[bodies][:, hand.dofs], dims, axis=0)
+        return full @ hand.transmission.driven
+
+    def contact_forces(self, data: Any) -> Array:
+        """Return the contact forces of the physics, shape (m,): what came of the forces asked for.
+
+        Args:
+            data: as last read by :meth:`update`; where that was after ``mj_step1``, then stepped
+                by ``mj_step2``, which computes the forces.
+        """
+        return self._contacts.forces(self._model, data)
+
+    def fingers_without_contact(self) -> list[str]:
+        """Return the last bodies of chains that motors move, as far as they lack contact."""
+        model, hand = self._model, self._found
+        driven = np.zeros(model.nv, dtype=bool)
+        driven[connected_dofs(np.any(hand.moments != 0, axis=0), hand.couplings)] = True
+        fingers = (self._above & driven).any(axis=1) & ~self._touching()
+        fingers[model.body_parentid] = False
+        body = mujoco_module().mjtObj.mjOBJ_BODY
+        return [name_of(model, body, each) for each in np.flatnonzero(fingers).tolist()]
+
+    def require_contact(self, fingertips: Sequence[str]) -> None:
+        """Raise unless each of the fingertips, bodies or sites, touches the object.
+
+        Raises:
+            InvalidInputError: one does not, or is not there.
+        """
+        touching = self._touching()
+        tips = as_fingertips(fingertips, links_of(self._model))
+        absent = [tip for tip in tips if not touching[body_of(self._model, tip)]]
+        if absent:
+            raise InvalidInputError(
+                f"data: {', '.join(absent)} not in contact with {self.object_name!r}, expected all "
+                f"of the fingertips {', '.join(tips)} to be"
+            )
+
+    # ---- what update is made of ----------------------------------------------------------------
+
+    @property
+    def _found(self) -> _Hand:
+        assert self._hand is not None  # the constructor updates
+        return self._hand
+
+    def _touching(self) -> NDArray[np.bool_]:
+        """Return which bodies, with all that is fixed to them, are at a contact, shape (nbody,)."""
+        weld = self._model.body_weldid
+        touching = np.zeros(self._model.nbody, dtype=bool)
+        touching[weld[self._contacts.bodies]] = True
+        return touching[weld]
+
+    def _warnings(self) -> tuple[str, ...]:
+        hand, body = self._found, mujoco_module().mjtObj.mjOBJ_BODY
+        return (
+            *(
+                "a contact with a deformable body is left out"
+                if each < 0
+                else f"the contact with {name_of(self._model, body, each)!r} is left out: that "
+                "body is loose itself"
+                for each in dict.fromkeys(self._contacts.left_out.tolist())
+            ),
+            *warnings_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
+        )
+
+    def _hand_of(self, moving: NDArray[np.bool_], moments: Array, couplings: Array) -> _Hand:
+        """Return the hand that moves the degrees of freedom ``moving``; the last one if it does.
+
+        Whatever it is made from is compared bit by bit, so that a hand whose moment arms change
+        is made anew, and one with a motor a joint stays.
+        """
+        key = (moving.tobytes(), moments.tobytes(), couplings.tobytes())
+        if self._hand is not None and key == self._hand.key:
+            return self._hand
+        chosen, coupled = self._chosen, couplings
+        if chosen is not None:
+            moving = moving | np.any(moments[chosen] != 0, axis=0)
+            holding = [
+                i
+                for i, drive in enumerate(self._drives)
+                if i not in chosen and has_motor(drive.limit, {})
+            ]
+            coupled = np.vstack((couplings, moments[holding]))
+        dofs = connected_dofs(moving, np.vstack((moments, couplings)))
+        if chosen is None:
+            chosen = taking_part(moments, dofs)
+        motors = choose_motors([self._drives[i] for i in chosen], self._tau_max)
+        rows = moments[[self._drives.index(each) for each in motors.drives]]
+        moved = transmission(rows[:, dofs], coupled[:, dofs])
+        return _Hand(key, moments, couplings, dofs, motors, moved)
+
+    def _read_screws(self, data: Any, dofs: Indices, origin: Array) -> Array:
+        """Return the motion by each joint's, [linear at ``origin``; angular], shape (n_dofs, 6)."""
+        about_root = data.cdof[dofs]  # [angular; linear] at the centre of mass of the dof's tree
+        angular = about_root[:, :3]
+        arm = origin - data.subtree_com[self._root_of_dof[dofs]]
+        linear = about_root[:, 3:] + (cross_matrices(arm) @ -angular[..., None])[..., 0]
+        return np.concatenate((linear, angular), axis=1)
+
+    def _bias(self, data: Any) -> Array:
+        """Return the generalised forces at which nothing accelerates without contacts, shape (nv,).
+
+        Of gravity compensation the passive forces have only what no motor gives.
+        """
+        by_motor = data.qfrc_gravcomp * self._model.jnt_actgravcomp[self._model.dof_jntid]
+        return np.array(data.qfrc_bias - data.qfrc_passive - by_motor)
+
+
+def held_grasp(
+    model: Any,
+    data: Any,
+    object_body: str | int,
+    fingertips: Sequence[str] | None,
+    tau_max: float | Mapping[str, float] | None,
+) -> MujocoGrasp:
+    """Return the grasp of an object that fingers hold; see :meth:`graspforce.Grasp.from_mujoco`.
+
+    Raises:
+        InvalidInputError: as :class:`MujocoGrasp`; no finger touches, or not all ``fingertips``.
+    """
+    grasp = MujocoGrasp(model, data, object_body, tau_max=tau_max)
+    if fingertips is not None:
+        grasp.require_contact(fingertips)
+    if not grasp.joint_names:
+        absent = ", ".join(grasp.fingers_without_contact()) or "none, as no motor moves any body"
+        raise InvalidInputError(
+            f"data: no finger is in contact with {grasp.object_name!r} (read after mj_step or "
+            f"mj_forward); fingers without contact: {absent}"
+        )
+    return grasp
+
+
+def _as_body(model: Any, body: object, argument: str) -> int:
+    """Return a body's number, given that or its name."""
+    mj = mujoco_module()
+    if isinstance(body, str):
+        number = int(mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, body))
+        if number < 0:
+            names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
+            as_link(body, argument, [name for name in names if name])
+        return number
+    number = index_of(body)
+    if number is None or not 0 <= number < model.nbody:
+        raise InvalidInputError(
+            f"{argument}: got {came(body)}, expected a body's name or its number, below "
+            f"{model.nbody}"
+        )
+    return number
+
+
+def _indices(joints: Sequence[str], candidates: Sequence[Drive]) -> list[int]:
+    """Return which of the drives have the names ``joints``, in their order."""
+    joints = as_tuple(joints, "joints", str)
+    names = [drive.limit.name for drive in candidates]
+    for name in joints:
+        if name not in names or joints.count(name) > 1:
+            problem = "twice" if name in names else "which has no motor"
+            raise InvalidInputError(
+                f"joints: got {name!r}{' ' if name in names else ', '}{problem}, expected each "
+                f"once of {', '.join(names)}"
+            )
+    return [names.index(name) for name in joints]
+
+
+def _require_data(data: Any, model: Any) -> None:
+    """Raise unless ``data`` belongs to ``model`` or to a copy of it."""
+    if not isinstance(data, mujoco_module().MjData):
+        raise InvalidInputError(f"data: got a {type(data).__name__}, expected an mujoco.MjData")
+    if data.signature != model.signature:
+        raise InvalidInputError("data: of another model than ``model``, expected data of this one")

@@ -1,0 +1,202 @@
+"""Hands from MuJoCo models: MJCF files, or an MjModel that is loaded already."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._util.arrays import Array, came
+from graspforce.errors import InvalidInputError, ModelImportError, warn
+from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
+from graspforce.hands.imported import (
+    ImportedHand,
+    as_fingertips,
+    fingers_of,
+)
+from graspforce.hands.mujoco.model import (
+    Drive,
+    MujocoConfiguration,
+    body_of,
+    coupling_rows,
+    dofs_above,
+    drive_rows,
+    drives,
+    links_of,
+    loose_bodies,
+    mujoco_module,
+    name_of,
+    taking_part,
+)
+from graspforce.hands.transmission import connected_dofs
+
+
+def from_mjcf(
+    source: str | Path | Any,
+    fingertips: Sequence[str] | Mapping[str, str],
+    tau_max: float | Mapping[str, float] | None = None,
+) -> ImportedHand:
+    """Read a hand from a MuJoCo model.
+
+    A mount that floats (a free joint) is taken as held where the file has it. Joint equalities
+    and closed linkages are followed; a joint or tendon without a motor becomes an equation that
+    the contact forces have to satisfy (``ImportedHand.passive_rows``).
+
+    Args:
+        source: an MJCF file, or an ``mujoco.MjModel``.
+        fingertips: bodies or sites, one a finger; a mapping names the fingers.
+        tau_max: torque limits in place of the file's, both ways: one number for all drives, or
+            by name [N·m; N for slides and tendons].
+
+    Returns:
+        The hand, contacts in the frame of the model's world. What should not be believed
+        silently (implausible limits, motions that nothing controls) is in ``notes`` and is a
+        GraspForceWarning.
+
+    Raises:
+        MissingExtraError: MuJoCo is not installed.
+        ModelImportError: the file is missing or no model; a finger that no motor moves; a drive
+            without a torque limit; a ball joint in a finger.
+        InvalidInputError: a fingertip or a name in tau_max that is not there.
+    """
+    model = _load(source)
+    tips = as_fingertips(fingertips, links_of(model))
+    bodies = tuple(dict.fromkeys(body_of(model, link) for link in tips.values()))
+    candidates, motor_notes = drives(model)
+    data = _evaluated(model, model.qpos0)
+    above = dofs_above(model)
+    moments = drive_rows(model, data, candidates)
+    dofs = connected_dofs(
+        np.any(above[list(bodies)], axis=0), np.vstack((moments, coupling_rows(model, data)))
+    )
+    motors = choose_motors([candidates[i] for i in taking_part(moments, dofs)], tau_max)
+    configuration = MujocoConfiguration(model, data, dofs, motors.drives)
+    fingers = fingers_of(configuration, motors, tips)
+    robot = MujocoRobot(
+        model, dofs, motors.drives, _joints(model, dofs.tolist(), motors.joint_names),
+        _links(model, dofs, above, loose_bodies(model, moments)),
+    )  # fmt: skip
+    told = (motors, configuration.transmission, configuration.dof_names)
+    warnings = warnings_of(*told)
+    warn(*warnings)
+    return ImportedHand(
+        motors.joint_names, robot.q_names, motors.tau_lo, motors.tau_hi, fingers, tips,
+        tuple(tips.values()), (*warnings, *notes_of(*told), *motor_notes), robot,
+    )  # fmt: skip
+
+
+class _Follower(NamedTuple):
+    """A joint equality: a joint's angle is a polynomial in another's, both from qpos0."""
+
+    joint: int
+    leader: int  # −1: the joint is locked
+    polynomial: tuple[float, ...]  # lowest power first
+
+
+class _Joints(NamedTuple):
+    """Which joints q is about, and which follow them."""
+
+    free: tuple[int, ...]
+    followers: tuple[_Follower, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MujocoRobot:
+    """A MuJoCo model as the kinematics of a hand."""
+
+    model: Any
+    dofs: NDArray[np.intp]
+    drives: tuple[Drive, ...]
+    joints: _Joints
+    links: tuple[str, ...]
+
+    @property
+    def q_names(self) -> tuple[str, ...]:
+        """The joints whose angles make a configuration."""
+        joint = mujoco_module().mjtObj.mjOBJ_JOINT
+        return tuple(name_of(self.model, joint, index) for index in self.joints.free)
+
+    def configuration(self, q: Array) -> MujocoConfiguration:
+        """Return the robot at the joint angles q; whatever else the model has is at qpos0."""
+        address, start = self.model.jnt_qposadr, self.model.qpos0
+        qpos = np.array(start)
+        qpos[address[list(self.joints.free)]] = q
+        for _ in self.joints.followers:  # a follower may lead another
+            for joint, leader, polynomial in self.joints.followers:
+                at = address[leader]
+                turned = 0.0 if leader < 0 else qpos[at] - start[at]
+                qpos[address[joint]] = start[address[joint]] + np.polynomial.polynomial.polyval(
+                    turned, polynomial
+                )
+        return MujocoConfiguration(self.model, _evaluated(self.model, qpos), self.dofs, self.drives)
+
+
+def _load(source: Any) -> Any:
+    mj = mujoco_module()
+    if isinstance(source, mj.MjModel):
+        return source
+    if not isinstance(source, str | Path):
+        raise InvalidInputError(f"source: got {came(source)}, expected a path or an mujoco.MjModel")
+    path = Path(source)
+    if not path.is_file():
+        raise ModelImportError(f"{path}: there is no such file")
+    if path.suffix.lower() == ".urdf":  # MuJoCo reads them, but finds no motors
+        raise ModelImportError(f"{path}: a URDF names no motors; hands.from_urdf reads it")
+    try:
+        model = mj.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise ModelImportError(f"{path}: not a model that MuJoCo reads: {error}") from error
+    if model.nbody == 1:  # MuJoCo takes any other XML for a model with nothing in it
+        raise ModelImportError(f"{path}: not a model that MuJoCo reads: it has no bodies")
+    return model
+
+
+def _evaluated(model: Any, qpos: Array) -> Any:
+    """Return new data with positions, moment arms and couplings at qpos; no collisions."""
+    mj = mujoco_module()
+    data = mj.MjData(model)
+    data.qpos[:] = qpos
+    for stage in (
+        mj.mj_kinematics, mj.mj_comPos, mj.mj_tendon, mj.mj_transmission, mj.mj_makeConstraint
+    ):  # fmt: skip
+        stage(model, data)
+    return data
+
+
+def _links(
+    model: Any, dofs: NDArray[np.intp], above: NDArray[np.bool_], loose: NDArray[np.bool_]
+) -> tuple[str, ...]:
+    """Return the bodies and sites that a contact can be on: fixed, or moved by the hand alone."""
+    usable = ~np.delete(above, dofs, axis=1).any(axis=1) & ~loose
+    return tuple(link for link in links_of(model) if usable[body_of(model, link)])
+
+
+def _joints(model: Any, dofs: Sequence[int], driven: Sequence[str]) -> _Joints:
+    mj = mujoco_module()
+    joints = list(dict.fromkeys(int(model.dof_jntid[dof]) for dof in dofs))
+    names = {joint: name_of(model, mj.mjtObj.mjOBJ_JOINT, joint) for joint in joints}
+    for joint, name in names.items():
+        if model.jnt_type[joint] == int(mj.mjtJoint.mjJNT_BALL):
+            raise ModelImportError(
+                f"ball joint {name!r} moves a finger; expected hinges and slides"
+            )
+    followers: list[_Follower] = []
+    for each in range(model.neq):
+        if model.eq_type[each] != int(mj.mjtEq.mjEQ_JOINT) or not model.eq_active0[each]:
+            continue
+        joint, leader = int(model.eq_obj1id[each]), int(model.eq_obj2id[each])
+        polynomial = tuple(float(a) for a in model.eq_data[each, :5])
+        if joint not in names or (leader >= 0 and leader not in names):
+            continue
+        straight = polynomial[1] and not any(polynomial[2:])
+        if leader >= 0 and names[joint] in driven and names[leader] not in driven and straight:
+            # The one with the motor leads.
+            joint, leader = leader, joint
+            polynomial = (-polynomial[0] / polynomial[1], 1 / polynomial[1])
+        followers.append(_Follower(joint, leader, polynomial))
+    following = {each.joint for each in followers}
+    return _Joints(tuple(j for j in joints if j not in following), tuple(followers))

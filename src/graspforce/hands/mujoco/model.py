@@ -1,0 +1,272 @@
+"""What a MuJoCo model says of drives, limits and couplings, and a configuration's kinematics.
+
+A drive is a joint or a tendon with motors. Motors on sites, bodies, sliders and cranks, or on
+ball joints have no single torque to limit and are left out, by name. The base of a free-floating
+robot is taken as held: its six free degrees of freedom are in nobody's Jacobian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._util.arrays import Array
+from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
+from graspforce.hands.limits import DriveLimit
+from graspforce.hands.transmission import Transmission, transmission
+
+
+def mujoco_module(purpose: str = "reading MuJoCo models", extra: str = "mujoco") -> Any:
+    """Return MuJoCo, which has no types of its own.
+
+    Args:
+        purpose: what it is needed for, for the error's text.
+        extra: the extra that brings it.
+
+    Raises:
+        MissingExtraError: it is not installed.
+        ModelImportError: it cannot be imported: MUJOCO_GL names an OpenGL that is not there.
+    """
+    try:
+        import mujoco  # pyright: ignore[reportMissingTypeStubs]
+    except ImportError as error:
+        raise MissingExtraError(purpose, "mujoco", extra) from error
+    except Exception as error:  # it opens OpenGL's library as it is imported, which fails variously
+        raise ModelImportError(
+            f"MuJoCo cannot be imported ({error}); if its OpenGL is missing, set MUJOCO_GL=disable"
+        ) from error
+    module: Any = mujoco
+    return module
+
+
+class Drive(NamedTuple):
+    """A joint or tendon with motors."""
+
+    limit: DriveLimit
+    output: int
+    """The output of one of its motors, whose moment arms over ``gear`` are the drive's."""
+    gear: float
+
+
+def drives(model: Any) -> tuple[list[Drive], list[str]]:
+    """Return the drives of a model with their limits, and notes on motors that are none."""
+    mj = mujoco_module()
+    joint_types = (int(mj.mjtTrn.mjTRN_JOINT), int(mj.mjtTrn.mjTRN_JOINTINPARENT))
+    tendon_type = int(mj.mjtTrn.mjTRN_TENDON)
+    hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
+    found: dict[tuple[bool, int], Drive] = {}
+    notes: list[str] = []
+    for motor in range(model.nactuator):
+        kind, target = int(model.actuator_trntype[motor]), int(model.actuator_trnid[motor, 0])
+        output = int(model.actuator_outadr[motor])  # of a motor for a ball joint, the first of 3
+        gear = float(model.actuator_gear[output, 0])
+        at_tendon = kind == tendon_type
+        at_joint = kind in joint_types and int(model.jnt_type[target]) in (hinge, slide)
+        if not gear or not (at_tendon or at_joint):
+            name = name_of(model, mj.mjtObj.mjOBJ_ACTUATOR, motor)
+            notes.append(f"motor {name!r} is left out: it drives neither a joint nor a tendon")
+            continue
+        low, high = sorted(gear * side for side in _motor_range(mj, model, motor))
+        if (at_tendon, target) in found:  # motors side by side add up
+            other = found[at_tendon, target]
+            limit = other.limit._replace(lo=other.limit.lo + low, hi=other.limit.hi + high)
+            found[at_tendon, target] = other._replace(limit=limit)
+            continue
+        kind_of_object = mj.mjtObj.mjOBJ_TENDON if at_tendon else mj.mjtObj.mjOBJ_JOINT
+        at_hinge = at_joint and int(model.jnt_type[target]) == hinge
+        limit = DriveLimit(
+            name_of(model, kind_of_object, target), "N·m" if at_hinge else "N", low, high,
+            _moment_arm(mj, model, target) if at_tendon else float(at_hinge),
+        )  # fmt: skip
+        found[at_tendon, target] = Drive(limit, output, gear)
+    for (at_tendon, target), drive in found.items():
+        which = "tendon" if at_tendon else "jnt"
+        if getattr(model, f"{which}_actfrclimited")[target]:
+            low, high = getattr(model, f"{which}_actfrcrange")[target]
+            limit = drive.limit._replace(
+                lo=max(drive.limit.lo, float(low)), hi=min(drive.limit.hi, float(high))
+            )
+            found[at_tendon, target] = drive._replace(limit=limit)
+    return list(found.values()), notes
+
+
+def is_plain_motor(model: Any, motor: int) -> bool:
+    """Return whether an actuator's force is its gain times its control, as of a <motor>."""
+    mj = mujoco_module()
+    filters = (mj.mjtDyn.mjDYN_NONE, mj.mjtDyn.mjDYN_FILTER, mj.mjtDyn.mjDYN_FILTEREXACT)
+    return bool(
+        model.actuator_ctrlnum[motor] == 1
+        and model.actuator_gaintype[motor] == int(mj.mjtGain.mjGAIN_FIXED)
+        and model.actuator_biastype[motor] == int(mj.mjtBias.mjBIAS_NONE)
+        and model.actuator_dyntype[motor] in [int(each) for each in filters]
+    )
+
+
+def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
+    """Return the range of a motor's force before its gear, infinite where there is none."""
+    low, high = -np.inf, np.inf
+    if model.actuator_forcelimited[motor]:
+        low, high = model.actuator_forcerange[motor]
+    input_ = int(model.actuator_ctrladr[motor])
+    if is_plain_motor(model, motor) and model.actuator_ctrllimited[input_]:
+        ends = sorted(model.actuator_gainprm[motor, 0] * model.actuator_ctrlrange[input_])
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return float(low), float(high)
+
+
+def _moment_arm(mj: Any, model: Any, tendon: int) -> float:
+    """Return the longest arm of a tendon at a hinge that the model states [m]; 0 for none."""
+    first = int(model.tendon_adr[tendon])
+    arms = [
+        abs(float(model.wrap_prm[i]))
+        for i in range(first, first + int(model.tendon_num[tendon]))
+        if model.wrap_type[i] == int(mj.mjtWrap.mjWRAP_JOINT)
+        and model.jnt_type[model.wrap_objid[i]] == int(mj.mjtJoint.mjJNT_HINGE)
+    ]
+    return max(arms, default=0.0)
+
+
+def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
+    """Return the drives' motions by joint motion, shape (n_drives, nv), at data's configuration."""
+    moments = np.zeros((model.nout, model.nv))
+    if model.nout:
+        mujoco_module().mju_sparse2dense(
+            moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
+            data.moment_colind,
+        )  # fmt: skip
+    gears = np.array([drive.gear for drive in each])
+    return moments[[drive.output for drive in each]] / gears.reshape(-1, 1)
+
+
+def coupling_rows(model: Any, data: Any) -> Array:
+    """Return the gradients of the active equality constraints between joints, shape (p, nv).
+
+    Those that hold a free body (the mount of a hand, an object) are left out.
+    """
+    if not data.ne:
+        return np.zeros((0, model.nv))
+    mj = mujoco_module()
+    rows = np.zeros((data.nefc, model.nv))
+    if mj.mj_isSparse(model):
+        mj.mju_sparse2dense(
+            rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
+        )
+    else:
+        rows = np.array(data.efc_J, dtype=float).reshape(data.nefc, model.nv)
+    rows = rows[data.efc_type == int(mj.mjtConstraint.mjCNSTR_EQUALITY)]
+    return rows[~rows[:, _free_joint_dofs(model)].any(axis=1)]
+
+
+def _free_joint_dofs(model: Any) -> NDArray[np.bool_]:
+    free = model.jnt_type == int(mujoco_module().mjtJoint.mjJNT_FREE)
+    dofs: NDArray[np.bool_] = free[model.dof_jntid]
+    return dofs
+
+
+def dofs_above(model: Any) -> NDArray[np.bool_]:
+    """Return which degrees of freedom move each body, shape (nbody, nv); not a free joint's."""
+    above = np.zeros((model.nbody, model.nv), dtype=bool)
+    for body in range(1, model.nbody):  # a body comes after its parent
+        above[body] = above[model.body_parentid[body]]
+        first = int(model.body_dofadr[body])
+        above[body, first : first + int(model.body_dofnum[body])] = True
+    return above & ~_free_joint_dofs(model)
+
+
+def loose_bodies(model: Any, moments: Array) -> NDArray[np.bool_]:
+    """Return which bodies float freely and belong to no robot, like an object on a table.
+
+    Args:
+        model: the model.
+        moments: the drives' motions by joint motion, shape (n_drives, nv); the trees that they
+            move are robots, whose floating bases are taken as held.
+    """
+    root = model.body_rootid[model.dof_bodyid]
+    loose = np.zeros(model.nbody, dtype=bool)
+    loose[root[_free_joint_dofs(model)]] = True
+    loose[root[moments.any(axis=0)]] = False
+    of_body: NDArray[np.bool_] = loose[model.body_rootid]
+    return of_body
+
+
+def taking_part(moments: Array, dofs: NDArray[np.intp]) -> list[int]:
+    """Return which drives move any of ``dofs``: in the order of these, whatever the motors' is."""
+    first = {i: int(row.argmax()) for i, row in enumerate(moments[:, dofs] != 0) if row.any()}
+    return sorted(first, key=first.__getitem__)
+
+
+class MujocoConfiguration:
+    """A model at the configuration whose positions, moment arms and constraints ``data`` holds."""
+
+    def __init__(
+        self, model: Any, data: Any, dofs: NDArray[np.intp], drives: Sequence[Drive]
+    ) -> None:
+        """Read how the drives move the degrees of freedom."""
+        self._model, self._data, self._dofs = model, data, dofs
+        self.transmission: Transmission = transmission(
+            drive_rows(model, data, drives)[:, dofs], coupling_rows(model, data)[:, dofs]
+        )
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """The joints of the degrees of freedom that ``transmission`` speaks of."""
+        return dof_names(self._model, self._dofs)
+
+    def twist(self, link: str, point: Array | None) -> Array:
+        """Return the velocity of a body or site by each joint's, shape (6, n_dofs)."""
+        at = self.position(link) if point is None else point
+        twist = np.zeros((6, self._model.nv))
+        mujoco_module().mj_jac(
+            self._model, self._data, twist[:3], twist[3:], at.reshape(3, 1),
+            body_of(self._model, link),
+        )  # fmt: skip
+        return twist[:, self._dofs]
+
+    def position(self, link: str) -> Array:
+        """Return the origin of a body or site, shape (3,) [m]."""
+        kind, index = find_link(self._model, link)
+        origins = self._data.xpos if kind == "body" else self._data.site_xpos
+        return np.array(origins[index])
+
+
+def dof_names(model: Any, dofs: NDArray[np.intp]) -> tuple[str, ...]:
+    """Return the names of the degrees of freedom's joints."""
+    joint = mujoco_module().mjtObj.mjOBJ_JOINT
+    return tuple(name_of(model, joint, each) for each in model.dof_jntid[dofs].tolist())
+
+
+def links_of(model: Any) -> tuple[str, ...]:
+    """Return the names of all bodies and sites."""
+    mj = mujoco_module()
+    names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
+    names += [mj.mj_id2name(model, mj.mjtObj.mjOBJ_SITE, i) for i in range(model.nsite)]
+    return tuple(dict.fromkeys(name for name in names if name))
+
+
+def find_link(model: Any, link: str) -> tuple[str, int]:
+    """Return ("body", id) or ("site", id) of a name; a body's goes before a site's.
+
+    Raises:
+        InvalidInputError: no body or site has that name.
+    """
+    mj = mujoco_module()
+    for kind, which in (("body", mj.mjtObj.mjOBJ_BODY), ("site", mj.mjtObj.mjOBJ_SITE)):
+        index = int(mj.mj_name2id(model, which, link))
+        if index >= 0:
+            return kind, index
+    raise InvalidInputError(f"got {link!r}, expected the name of a body or site")
+
+
+def body_of(model: Any, link: str) -> int:
+    """Return the body that is, or carries the site that is, called ``link``."""
+    kind, index = find_link(model, link)
+    return index if kind == "body" else int(model.site_bodyid[index])
+
+
+def name_of(model: Any, kind: Any, index: int) -> str:
+    """Return an object's name, or its kind and number where it has none."""
+    name = mujoco_module().mj_id2name(model, kind, index)
+    return str(name) if name else f"{str(kind.name).removeprefix('mjOBJ_').lower()} {index}"

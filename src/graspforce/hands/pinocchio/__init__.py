@@ -1,0 +1,1 @@
+"""Hands and grasps read from URDF files and Pinocchio models."""

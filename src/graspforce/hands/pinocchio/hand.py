@@ -1,0 +1,185 @@
+"""Hands from URDF files, read with Pinocchio."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._util.arrays import Array, require_instance
+from graspforce.errors import ModelImportError, warn
+from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
+from graspforce.hands.imported import (
+    ImportedHand,
+    as_fingertips,
+    fingers_of,
+)
+from graspforce.hands.pinocchio.model import (
+    JointDrive,
+    PinocchioConfiguration,
+    dof_names,
+    dofs_above,
+    frames_of,
+    joint_drives,
+    pinocchio_module,
+    what_moves,
+)
+
+
+def from_urdf(
+    path: str | Path,
+    fingertips: Sequence[str] | Mapping[str, str],
+    tau_max: float | Mapping[str, float] | None = None,
+) -> ImportedHand:
+    """Read a hand from a URDF file; meshes are neither needed nor looked for.
+
+    URDF does not say which joints have motors. Every revolute, continuous or prismatic joint
+    that mimics no other is taken to have one, unless its effort limit is 0 and ``tau_max`` does
+    not give another.
+
+    Args:
+        path: the file.
+        fingertips: links, one a finger; a mapping names the fingers.
+        tau_max: torque limits in place of the file's effort limits, both ways: one number for
+            all joints, or by name [N·m; N for prismatic joints].
+
+    Returns:
+        The hand, contacts in the frame of the root link. What should not be believed silently
+        (implausible limits, joints without a motor) is in ``notes`` and is a GraspForceWarning.
+
+    Raises:
+        MissingExtraError: Pinocchio is not installed.
+        ModelImportError: the file is missing or no URDF; a finger that no motor moves; a joint
+            without a torque limit; a joint that mimics one that is not there.
+        InvalidInputError: a fingertip or a name in tau_max that is not there.
+    """
+    require_instance(path, "path", str | Path, "a path")
+    path = Path(path)
+    pin = pinocchio_module()
+    mimics = _mimics(path)
+    try:
+        model = pin.buildModelFromUrdf(str(path))
+    except (ValueError, RuntimeError) as error:
+        raise ModelImportError(f"{path}: not a robot that Pinocchio reads: {error}") from error
+    tips = as_fingertips(fingertips, tuple(frames_of(model)))
+    links = tuple(dict.fromkeys(tips.values()))
+    couplings = _couplings(path, model, mimics, links)
+    following = {each.joint for each in mimics}
+    dofs = what_moves(model, links, couplings)
+    drives = [
+        each
+        for each in joint_drives(model)
+        if each.dof in dofs and each.limit.name not in following
+    ]
+    motors = choose_motors(drives, tau_max)
+    configuration = PinocchioConfiguration(
+        model, pin.neutral(model), dofs, motors.drives, couplings
+    )
+    fingers = fingers_of(configuration, motors, tips)
+    free = tuple(name for name in configuration.dof_names if name not in following)
+    robot = PinocchioRobot(model, dofs, motors.drives, couplings, free, mimics)
+    told = (motors, configuration.transmission, configuration.dof_names)
+    warnings = warnings_of(*told)
+    warn(*warnings)
+    return ImportedHand(
+        motors.joint_names, free, motors.tau_lo, motors.tau_hi, fingers, tips,
+        tuple(tips.values()), (*warnings, *notes_of(*told)), robot,
+    )  # fmt: skip
+
+
+class _Mimic(NamedTuple):
+    """A joint whose angle is ``multiplier`` times its leader's, plus ``offset``."""
+
+    joint: str
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PinocchioRobot:
+    """A URDF as the kinematics of a hand."""
+
+    model: Any
+    dofs: NDArray[np.intp]
+    drives: tuple[JointDrive, ...]
+    couplings: Array
+    q_names: tuple[str, ...]
+    mimics: tuple[_Mimic, ...]
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The links that are fixed or that the hand alone moves."""
+        other = np.ones(self.model.nv, dtype=bool)
+        other[self.dofs] = False
+        return tuple(
+            link
+            for link, frame in frames_of(self.model).items()
+            if not (dofs_above(self.model, frame) & other).any()
+        )
+
+    def configuration(self, q: Array) -> PinocchioConfiguration:
+        """Return the robot at the joint angles q; joints that move no finger are at 0."""
+        pin = pinocchio_module()
+        angles = dict(zip(self.q_names, q.tolist(), strict=True))
+        for _ in self.mimics:  # a follower may lead another
+            for each in self.mimics:
+                if each.leader in angles:
+                    angles[each.joint] = each.multiplier * angles[each.leader] + each.offset
+        names = dof_names(self.model)
+        turned = np.array([angles.get(names[dof], 0.0) for dof in range(self.model.nv)])
+        q = pin.integrate(self.model, pin.neutral(self.model), turned)
+        return PinocchioConfiguration(self.model, q, self.dofs, self.drives, self.couplings)
+
+
+def _mimics(path: Path) -> tuple[_Mimic, ...]:
+    """Return the mimic joints of a file.
+
+    Pinocchio's own reading of them is not used: it refuses joints that follow one which comes
+    later in its order, and continuous ones.
+    """
+    try:
+        robot = ElementTree.parse(path).getroot()
+    except OSError as error:
+        raise ModelImportError(f"{path}: cannot read the file: {error.strerror}") from error
+    except ElementTree.ParseError as error:
+        raise ModelImportError(f"{path}: not a URDF: {error}") from error
+    if robot.tag != "robot":
+        raise ModelImportError(f"{path}: got <{robot.tag}>, expected a URDF's <robot>")
+    found: list[_Mimic] = []
+    for joint in robot.iter("joint"):
+        mimic = joint.find("mimic")
+        if mimic is None:
+            continue
+        name = joint.get("name", "")
+        try:
+            multiplier = float(mimic.get("multiplier", "1"))
+            offset = float(mimic.get("offset", "0"))
+        except ValueError as error:
+            raise ModelImportError(f"{path}: mimic of joint {name!r}: {error}") from error
+        found.append(_Mimic(name, mimic.get("joint", ""), multiplier, offset))
+    return tuple(found)
+
+
+def _couplings(path: Path, model: Any, mimics: Sequence[_Mimic], links: Sequence[str]) -> Array:
+    """Return one row a mimic joint: its rate less what its leader makes it, shape (p, nv)."""
+    dofs = {name: dof for dof, name in dof_names(model).items()}
+    moving = what_moves(model, links, np.zeros((0, model.nv)))
+    rows = np.zeros((len(mimics), model.nv))
+    for row, each in zip(rows, mimics, strict=True):
+        if each.joint not in dofs:
+            continue
+        row[dofs[each.joint]] = 1.0
+        if each.leader in dofs:
+            row[dofs[each.leader]] -= each.multiplier
+        elif dofs[each.joint] in moving:
+            raise ModelImportError(
+                f"{path}: joint {each.joint!r} mimics {each.leader!r}, which is not there; "
+                f"expected one of {', '.join(dofs)}"
+            )
+    return rows

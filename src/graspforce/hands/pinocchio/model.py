@@ -1,0 +1,143 @@
+"""What a Pinocchio model says of drives and limits, and a configuration's kinematics.
+
+A drive is a joint with one degree of freedom. Joints with more (a floating base, a ball joint)
+have no single torque to limit and are taken as held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspforce._util.arrays import Array
+from graspforce.errors import MissingExtraError
+from graspforce.hands.limits import DriveLimit
+from graspforce.hands.transmission import Transmission, connected_dofs, transmission
+
+
+def pinocchio_module() -> Any:
+    """Return Pinocchio, which has no types of its own.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        import pinocchio  # pyright: ignore[reportMissingTypeStubs]
+    except ImportError as error:
+        raise MissingExtraError("reading URDF models", "Pinocchio", "pinocchio") from error
+    module: Any = pinocchio
+    return module
+
+
+class JointDrive(NamedTuple):
+    """A joint as a drive."""
+
+    limit: DriveLimit
+    dof: int
+
+
+def joint_drives(model: Any) -> list[JointDrive]:
+    """Return the joints of one degree of freedom that follow no other, with their limits."""
+    found: list[JointDrive] = []
+    for joint in range(1, model.njoints):
+        if int(model.nvs[joint]) != 1:
+            continue
+        dof = int(model.idx_vs[joint])
+        slides = str(model.joints[joint].shortname()).startswith("JointModelP")
+        low, high = float(model.lowerEffortLimit[dof]), float(model.upperEffortLimit[dof])
+        limit = DriveLimit(
+            str(model.names[joint]), "N" if slides else "N·m", low, high, float(not slides)
+        )
+        found.append(JointDrive(limit, dof))
+    return found
+
+
+def frames_of(model: Any) -> dict[str, int]:
+    """Return the frames that a contact can be on, by name: links, user's frames, the world."""
+    kinds = pinocchio_module().FrameType
+    wanted = (kinds.BODY, kinds.OP_FRAME)
+    named = {str(f.name): i for i, f in enumerate(model.frames) if i and f.type in wanted}
+    return {str(model.frames[0].name): 0} | named
+
+
+def dofs_above(model: Any, frame: int) -> NDArray[np.bool_]:
+    """Return which degrees of freedom move a frame, shape (nv,); not a floating base's."""
+    moving = np.zeros(model.nv, dtype=bool)
+    for joint in model.supports[model.frames[frame].parentJoint]:
+        if int(model.nvExtendeds[joint]) == 1:  # a mimic joint has its leader's
+            moving[int(model.idx_vs[joint])] = True
+    return moving
+
+
+def what_moves(model: Any, links: Sequence[str], couplings: Array) -> NDArray[np.intp]:
+    """Return the degrees of freedom that move ``links``, and all that these are coupled with.
+
+    Args:
+        model: a ``pinocchio.Model``.
+        links: names of frames.
+        couplings: joint motions with ``couplings @ dq != 0`` are impossible, shape (p, nv).
+    """
+    frames = frames_of(model)
+    moving = np.zeros(model.nv, dtype=bool)
+    for link in links:
+        moving |= dofs_above(model, frames[link])
+    return connected_dofs(moving, couplings)
+
+
+class PinocchioConfiguration:
+    """A model at a configuration."""
+
+    def __init__(
+        self,
+        model: Any,
+        q: Array,
+        dofs: NDArray[np.intp],
+        drives: Sequence[JointDrive],
+        couplings: Array,
+    ) -> None:
+        """Compute how the drives move the degrees of freedom, and where the frames are."""
+        self._model, self._frames, self._dofs = model, frames_of(model), dofs
+        self._data = model.createData()
+        self.update(q)
+        rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
+        self.transmission: Transmission = transmission(rows[:, dofs], couplings[:, dofs])
+
+    def update(self, q: Array) -> None:
+        """Compute where the frames are at the configuration q, shape (nq,)."""
+        pin = pinocchio_module()
+        pin.computeJointJacobians(self._model, self._data, q)
+        pin.updateFramePlacements(self._model, self._data)
+
+    @property
+    def dof_names(self) -> tuple[str, ...]:
+        """The joints of the degrees of freedom that ``transmission`` speaks of."""
+        names = dof_names(self._model)
+        return tuple(names[dof] for dof in self._dofs)
+
+    def twist(self, link: str, point: Array | None) -> Array:
+        """Return the velocity of a frame by each joint's, shape (6, n_dofs)."""
+        pin = pinocchio_module()
+        twist = np.array(
+            pin.getFrameJacobian(
+                self._model, self._data, self._frames[link], pin.LOCAL_WORLD_ALIGNED
+            )
+        ).reshape(6, self._model.nv)  # of one joint, Pinocchio gives a vector
+        if point is not None:
+            twist[:3] += np.cross(twist[3:], point - self.position(link), axis=0)
+        return twist[:, self._dofs]
+
+    def position(self, link: str) -> Array:
+        """Return the origin of a frame, shape (3,) [m]."""
+        return np.array(self._data.oMf[self._frames[link]].translation)
+
+
+def dof_names(model: Any) -> Mapping[int, str]:
+    """Return the name of the joint of every degree of freedom."""
+    return {
+        int(model.idx_vs[joint]) + i: str(model.names[joint])
+        for joint in range(1, model.njoints)
+        for i in range(int(model.nvs[joint]))
+    }

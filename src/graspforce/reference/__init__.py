@@ -1,0 +1,442 @@
+"""The paper in NumPy, one function per equation: teaching text and oracle of the tests.
+
+Read it beside Sections III-A to III-C of the paper; the equation numbers are its. The functions are
+those of :mod:`graspforce.equations`, here with contact models and problems as arguments; below
+them stands the paper's method, made of nothing else. It does what the paper does and no more: a
+null-space basis for each problem, dense Newton steps in the reduced variables, backtracking, a
+Phase 1 with one slack variable (:mod:`graspforce.reference.phase_one`). It is not fast.
+``Settings(backend="reference")`` runs on it.
+
+========  =====================================  ========  ================================
+Eq.       function                               Eq.       function
+========  =====================================  ========  ================================
+(5)       slacks                                 (15)      torque_limits
+(6)       phi_lin                                (16)      objective
+(7)       grad_phi_lin, hess_phi_lin             (17)      particular_and_nullspace
+(8)       split                                  (18)      reduced_objective
+(9)       phi_soc                                (19)      reduced_derivatives
+(10)      R_mu                                   (20)      ceilings
+(11)      grad_phi_soc_contact                   (21)      newton_step
+(12)      grad_phi_soc                           (22)      friction_residual
+(13)      hess_phi_soc_contact
+(14)      hess_phi_soc
+========  =====================================  ========  ================================
+
+The barrier functions accept complex vectors, so that complex-step differentiation can check the
+derivatives to the last digit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from graspforce import equations
+from graspforce._engine.outcome import PlainOutcome, Start, Status
+from graspforce._engine.settings import Settings
+from graspforce._util.arrays import Array
+from graspforce.contact import ContactModel
+from graspforce.equations import (
+    RUNAWAY,
+    Barriers,
+    Cones,
+    decrement_after,
+    force_size,
+    grad_phi_lin,
+    hess_phi_lin,
+    least_squares,
+    newton_step,
+    particular_and_nullspace,
+    phi_lin,
+    slacks,
+    strictly_inside,
+    torque_limits,
+)
+from graspforce.problem import ForceProblem
+from graspforce.reference.phase_one import find_inside
+
+__all__ = [
+    "RUNAWAY",
+    "R_mu",
+    "ceilings",
+    "decrement",
+    "decrement_after",
+    "decrement_and_error",
+    "derivatives",
+    "friction_margins",
+    "friction_residual",
+    "g",
+    "grad_phi_lin",
+    "grad_phi_soc",
+    "grad_phi_soc_contact",
+    "hess_phi_lin",
+    "hess_phi_soc",
+    "hess_phi_soc_contact",
+    "least_squares",
+    "newton_step",
+    "objective",
+    "particular_and_nullspace",
+    "phi_lin",
+    "phi_soc",
+    "reduced_derivatives",
+    "reduced_objective",
+    "slacks",
+    "solve",
+    "split",
+    "torque_limits",
+    "violation_scales",
+    "wrench_reachable",
+]
+
+# ---- III-B  second-order cone barrier ---------------------------------------------------------
+
+
+def split(c: Array, models: Sequence[ContactModel]) -> list[Array]:
+    """Eq. (8) read backwards: the stacked vector's contacts y_1 … y_n.
+
+    Args:
+        c: contact forces, shape (m,) [N, N·m].
+        models: n contact models; fix m.
+
+    Returns:
+        n views of c, each of its model's ``dim`` components.
+    """
+    return equations.split(c, [model.dim for model in models])
+
+
+def R_mu(model: ContactModel) -> Array:
+    """Matrix of a contact's cone, Eq. (10): diag(−mu², 1, …), so that the cone is y.T R y < 0.
+
+    Args:
+        model: its contact model.
+
+    Returns:
+        Shape (dim, dim); FPC has mu = 1, SFC the last entry (mu/gamma)².
+    """
+    return equations.R_mu(model.cone_scaling)
+
+
+def g(y: Array, model: ContactModel) -> Any:
+    """g_i = mu² y_0² − ‖ŷ‖² of Eq. (11): positive inside the cone and its mirror image.
+
+    Args:
+        y: force of one contact, shape (dim,) [N, N·m].
+        model: its contact model.
+
+    Returns:
+        A number [N²].
+    """
+    return equations.g(y, model.cone_scaling)
+
+
+def phi_soc(c: Array, models: Sequence[ContactModel]) -> Any:
+    """Barrier of the friction cones, Eq. (9): −Σ ln g_i, with natural logarithms.
+
+    Args:
+        c: contact forces strictly inside the cones, shape (m,) [N, N·m].
+        models: n contact models; fix m.
+
+    Returns:
+        A number [-].
+    """
+    return equations.phi_soc(c, Cones.of_models(models))
+
+
+def grad_phi_soc_contact(y: Array, model: ContactModel) -> Array:
+    """Gradient of one contact's barrier −ln g, Eq. (11): (2/g) R_mu y.
+
+    Args:
+        y: force of one contact, strictly inside its cone, shape (dim,) [N, N·m].
+        model: its contact model.
+
+    Returns:
+        Shape (dim,) [1/N, 1/(N·m)].
+    """
+    return equations.grad_phi_soc_contact(y, model.cone_scaling)
+
+
+def grad_phi_soc(c: Array, models: Sequence[ContactModel]) -> Array:
+    """Gradient of Eq. (9), Eq. (12): the contacts' gradients, stacked.
+
+    Args:
+        c: contact forces strictly inside the cones, shape (m,) [N, N·m].
+        models: n contact models; fix m.
+
+    Returns:
+        Shape (m,) [1/N, 1/(N·m)].
+    """
+    return equations.grad_phi_soc(c, Cones.of_models(models))
+
+
+def hess_phi_soc_contact(y: Array, model: ContactModel) -> Array:
+    """Hessian of one contact's barrier −ln g, Eq. (13): ∇Phi ∇Phi.T + (2/g) R_mu.
+
+    Args:
+        y: force of one contact, strictly inside its cone, shape (dim,) [N, N·m].
+        model: its contact model.
+
+    Returns:
+        Shape (dim, dim) [1/N², …].
+    """
+    return equations.hess_phi_soc_contact(y, model.cone_scaling)
+
+
+def hess_phi_soc(c: Array, models: Sequence[ContactModel]) -> Array:
+    """Hessian of Eq. (9), Eq. (14): block diagonal, a block a contact.
+
+    Args:
+        c: contact forces strictly inside the cones, shape (m,) [N, N·m].
+        models: n contact models; fix m.
+
+    Returns:
+        Shape (m, m) [1/N², …].
+    """
+    return equations.hess_phi_soc(c, Cones.of_models(models))
+
+
+# ---- III-C  force distribution by weighted barrier functions ----------------------------------
+
+
+def ceilings(
+    models: Sequence[ContactModel], engagement: Array, c_max: Array
+) -> tuple[Array, Array]:
+    """Ceilings of the normal forces, c_norm,i ≤ w_i c_max,i, as A c ≤ b, Eq. (20).
+
+    Args:
+        models: n contact models; fix m.
+        engagement: the paper's w_i, 0 to 1, shape (n,) [-].
+        c_max: ceilings of contacts that are fully engaged, shape (n,) [N].
+
+    Returns:
+        A, shape (n, m), and b, shape (n,) [N].
+    """
+    return equations.ceilings([model.dim for model in models], engagement, c_max)
+
+
+def objective(c: Array, problem: ForceProblem) -> float:
+    """The weighted objective, Eq. (16): Phi_soc(c) + alpha·Phi_lin(c).
+
+    Args:
+        c: contact forces, shape (m,) [N, N·m].
+        problem: whose cones, limits and alpha; contacts that are out of the grasp do not count.
+
+    Returns:
+        A number [-]; inf outside the cones or the limits.
+    """
+    return float(equations.objective(*_restricted(c, problem)))
+
+
+def derivatives(c: Array, problem: ForceProblem) -> tuple[Array, Array]:
+    """Gradient and Hessian of Phi of Eq. (16) in c.
+
+    Args:
+        c: contact forces strictly inside, shape (m,) [N, N·m].
+        problem: whose cones, limits and alpha; every contact is in the grasp.
+
+    Returns:
+        Shapes (m,) and (m, m) [1/N, 1/N², …].
+    """
+    return equations.derivatives(c, problem.barriers)
+
+
+def reduced_objective(lam: Array, c_p: Array, N: Array, problem: ForceProblem) -> float:
+    """Phi in the reduced variables, Eq. (18): Phi(c_p + N lam).
+
+    Args:
+        lam: reduced variables, shape (q,).
+        c_p: particular solution of W c = f, shape (m,) [N, N·m].
+        N: null space of W, shape (m, q).
+        problem: whose cones, limits and alpha.
+
+    Returns:
+        A number [-]; inf outside the cones or the limits.
+    """
+    return float(equations.reduced_objective(lam, c_p, N, problem.barriers))
+
+
+def reduced_derivatives(c: Array, N: Array, problem: ForceProblem) -> tuple[Array, Array]:
+    """Derivatives in lam of Eq. (18), Eq. (19): N.T ∇Phi(c) and N.T ∇²Phi(c) N.
+
+    Args:
+        c: contact forces c_p + N lam strictly inside, shape (m,) [N, N·m].
+        N: null space of W, shape (m, q).
+        problem: whose cones, limits and alpha.
+
+    Returns:
+        Gradient, shape (q,), and Hessian, shape (q, q).
+    """
+    return equations.reduced_derivatives(c, N, problem.barriers)
+
+
+def friction_residual(c: Array, models: Sequence[ContactModel]) -> float:
+    """Smallest squared distance of the contact forces to slipping, r_f of Eq. (22).
+
+    Args:
+        c: contact forces, shape (m,), contact-major, each ``[n, x, y(, torsion)]`` [N, N·m].
+        models: n contact models; fix m.
+
+    Returns:
+        min_i (mu_i² n_i² − ‖t_i‖²) [N²]; negative when some contact slips.
+    """
+    return float(equations.friction_residual(c, Cones.of_models(models)))
+
+
+# ---- what answers are judged by ---------------------------------------------------------------
+
+
+def friction_margins(c: Array, models: Sequence[ContactModel]) -> Array:
+    """Margins mu n − ‖tangential force‖ of the contacts, shape (n,) [N]."""
+    return equations.friction_margins(c, Cones.of_models(models))
+
+
+def decrement(c: Array, problem: ForceProblem) -> float:
+    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}; inf outside."""
+    return decrement_and_error(c, problem)[0]
+
+
+def decrement_and_error(c: Array, problem: ForceProblem) -> tuple[float, float]:
+    """Return :func:`decrement` and how far the rounding of c and W may have moved it.
+
+    See :func:`graspforce.equations.decrement_and_error`.
+    """
+    inner, barriers = _restricted(c, problem)
+    return equations.decrement_and_error(inner, problem.restricted().W, barriers)
+
+
+def wrench_reachable(problem: ForceProblem) -> bool:
+    """Tell whether f is in the range of W, so that some contact force makes it (Eq. 17)."""
+    return equations.wrench_reachable(problem.restricted().W, problem.f)
+
+
+def violation_scales(problem: ForceProblem) -> tuple[Array, Array]:
+    """See :meth:`graspforce.ForceProblem.violation_scales`."""
+    return problem.violation_scales()
+
+
+def _restricted(c: Array, problem: ForceProblem) -> tuple[Array, Barriers]:
+    """The forces and barriers of the contacts that are in the grasp."""
+    return c[problem.active_components], problem.restricted().barriers
+
+
+# ---- the paper's method -----------------------------------------------------------------------
+
+
+def solve(problem: ForceProblem, settings: Settings, start: Array | None = None) -> PlainOutcome:
+    """Section III-C.4 and 5: Phase 1 when there is no feasible start, then Newton's method.
+
+    Args:
+        problem: what to solve.
+        settings: tolerance and step limit.
+        start: contact forces to start from, shape (m,); they are projected onto W c = f.
+    """
+    with np.errstate(all="ignore"):
+        try:
+            outcome = _solve(problem, settings, start)
+        except np.linalg.LinAlgError:
+            return _empty_outcome(problem, Status.INVALID_NUMBERS)
+    if not (np.isfinite(outcome.c).all() and np.isfinite(outcome.nu).all()):
+        return _empty_outcome(problem, Status.INVALID_NUMBERS)
+    return outcome
+
+
+def _empty_outcome(problem: ForceProblem, status: Status) -> PlainOutcome:
+    return PlainOutcome(status, 0, np.zeros(problem.m), np.zeros(len(problem.f)))
+
+
+def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> PlainOutcome:
+    if not problem.has_limits:
+        return _empty_outcome(problem, Status.UNBOUNDED)
+    inner = problem.restricted()
+    if not equations.wrench_reachable(inner.W, inner.f):
+        return _empty_outcome(problem, Status.WRENCH_UNREACHABLE)
+    if not inner.n:
+        return replace(_empty_outcome(problem, Status.SOLVED), decrement=0.0)
+    c_p, N = particular_and_nullspace(inner.W, inner.f)
+    lam = np.zeros(N.shape[1])
+    if start is not None:
+        lam = N.T @ (start[problem.active_components] - c_p)
+    steps, inside = 0, bool(strictly_inside(c_p + N @ lam, inner.barriers))
+    given = start is not None and inside
+    if not inside:
+        first = find_inside(inner, N, c_p + N @ lam, settings.max_steps)
+        c, steps = problem.scatter(first.c), first.steps
+        if first.certificate is not None:
+            y, z = first.certificate.y, problem.scatter_multipliers(first.certificate.z)
+            return PlainOutcome(Status.INFEASIBLE, steps, c, y, violation=first.violation, y=y, z=z)
+        if not first.inside:
+            status = Status.MAX_STEPS if first.spent else Status.STALLED
+            return PlainOutcome(status, steps, c, np.zeros(len(problem.f)))
+        lam = N.T @ (first.c - c_p)
+    outcome = minimise(inner, c_p, N, lam, settings.tol, settings.max_steps - steps)
+    steps += outcome.newton_steps
+    if outcome.status == Status.UNBOUNDED:
+        return replace(_empty_outcome(problem, Status.UNBOUNDED), newton_steps=steps)
+    return replace(
+        outcome,
+        c=problem.scatter(outcome.c),
+        newton_steps=steps,
+        start=Start.GIVEN if given else Start.COLD,
+    )
+
+
+def minimise(
+    problem: ForceProblem, c_p: Array, N: Array, lam: Array, tol: float, max_steps: int
+) -> PlainOutcome:
+    """Newton's method from a strictly feasible start; ends by the a-priori decrement bound.
+
+    A full step whose decrement is λ < 1 leaves one of at most (λ/(1 − λ))² behind, so the step
+    is taken and judged by that bound, without a further factorisation.
+
+    Args:
+        problem: every contact in the grasp.
+        c_p: particular solution of W c = f, shape (m,).
+        N: null space of W, shape (m, q).
+        lam: where to start, shape (q,).
+        tol: bound on decrement²/2 at return.
+        max_steps: the most Newton steps.
+    """
+    barriers = problem.barriers
+    c: Array = c_p + N @ lam
+    status, bound, steps = Status.MAX_STEPS, math.inf, 0
+    runaway = RUNAWAY * force_size(barriers, problem.f)
+    while steps < max_steps:
+        if N.shape[1] == 0:  # W c = f has one solution
+            status, bound = Status.SOLVED, 0.0
+            break
+        gradient, hessian = equations.reduced_derivatives(c, N, barriers)
+        d = newton_step(gradient, hessian)
+        steps += 1
+        slope = float(gradient @ d)
+        length = math.sqrt(max(0.0, -slope) / barriers.unit)
+        gamma = 1.0 if length < 0.25 else backtrack(lam, d, slope, c_p, N, barriers)
+        if gamma == 0:
+            status = Status.STALLED
+            break
+        lam = lam + gamma * d
+        c = c_p + N @ lam
+        bound = decrement_after(length) if gamma == 1 else math.inf
+        if bound**2 / 2 <= tol:
+            status = Status.SOLVED
+            break
+        if np.abs(c).max() > runaway:
+            status = Status.UNBOUNDED
+            break
+    nu = least_squares(problem.W.T, equations.derivatives(c, barriers)[0])
+    return PlainOutcome(status, steps, c, nu, bound)
+
+
+def backtrack(
+    lam: Array, d: Array, slope: float, c_p: Array, N: Array, barriers: Barriers
+) -> float:
+    """γ of Eq. (21): halve until the step stays inside and the objective falls (Armijo)."""
+    gamma, before = 1.0, equations.reduced_objective(lam, c_p, N, barriers)
+    while gamma > 1e-16:
+        after = equations.reduced_objective(lam + gamma * d, c_p, N, barriers)
+        if after <= before + 0.1 * gamma * slope:
+            return gamma
+        gamma /= 2
+    return 0.0

@@ -1,0 +1,140 @@
+"""A force strictly inside every cone and limit, or the proof that there is none, in NumPy.
+
+Section III-C.5 of the paper: one slack sigma relaxes every cone and limit by its own scale and is
+made as small as it gets, by Newton's method on kappa·sigma + Phi_relaxed in the null space of W for
+growing kappa. The NumPy solver starts here where it has no start, and
+:meth:`graspforce.Solution.verify` looks here for what UNBOUNDED claims.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from graspforce._util.arrays import Array
+from graspforce.certificate import Certificate
+from graspforce.equations import (
+    grad_phi_lin,
+    grad_phi_soc,
+    hess_phi_lin,
+    hess_phi_soc,
+    inside_cones,
+    least_squares,
+    newton_step,
+    relative_violation,
+    slacks,
+    strictly_inside,
+)
+from graspforce.problem import ForceProblem
+
+# The slack is known to this part of itself when it is reported as the least violation.
+PRECISION = 1e-7
+# A slack below this is rounding.
+LEAST = 1e-13
+
+
+class PhaseOne(NamedTuple):
+    """Where Phase 1 ended.
+
+    Attributes:
+        c: the forces, shape (m,), with W c = f.
+        steps: Newton steps taken.
+        inside: they are strictly inside every cone and limit.
+        certificate: the proof that no forces are; None without one.
+        violation: the least relative violation where there is a proof, else 0.
+        spent: stopped by the limit on steps.
+    """
+
+    c: Array
+    steps: int
+    inside: bool = False
+    certificate: Certificate | None = None
+    violation: float = 0.0
+    spent: bool = False
+
+
+def find_inside(problem: ForceProblem, N: Array, c: Array, max_steps: int) -> PhaseOne:
+    """Shrink one slack that relaxes every cone and limit.
+
+    Ends as soon as c is strictly inside, or when the multipliers of a Newton step prove that sigma
+    cannot reach zero and sigma is within 1e-7 of its least.
+
+    Args:
+        problem: what to find forces for, every contact in the grasp.
+        N: null space of W, shape (m, q).
+        c: forces with W c = f to start from, shape (m,).
+        max_steps: the most Newton steps.
+    """
+    relaxed = _Relaxed(problem)
+    x = np.append(c, 1.2 * relaxed.least_sigma(c) + 0.1)
+    basis = np.pad(N, ((0, 1), (0, 1)))
+    basis[-1, -1] = 1.0
+    kappa, proof = 10.0, None
+    terms = len(relaxed.b) + 2 * problem.n
+    for step in range(1, max_steps + 1):
+        gradient, hessian = relaxed.derivatives(x)
+        gradient[-1] += kappa
+        d = basis @ newton_step(basis.T @ gradient, basis.T @ hessian @ basis)
+        lam = math.sqrt(max(0.0, -float(gradient @ d)))
+        if lam < 1:
+            proof = relaxed.proof(x, d) or proof
+        gamma = 1.0
+        while not relaxed.inside(x + gamma * d) and gamma > 1e-16:
+            gamma *= 0.7
+        if lam >= 0.25:
+            gamma = max(min(gamma, 1 / (1 + lam)), 0.9 * gamma if gamma < 1 else 0.0)
+        x = x + gamma * d
+        if strictly_inside(x[:-1], relaxed.barriers):
+            return PhaseOne(x[:-1], step, inside=True)
+        if lam < 0.3:
+            sigma = float(x[-1])
+            if proof is not None and terms / kappa < PRECISION * sigma:
+                return PhaseOne(x[:-1], step, certificate=proof, violation=sigma)
+            if terms / kappa < LEAST:
+                return PhaseOne(x[:-1], step)
+            kappa *= 10
+    return PhaseOne(x[:-1], max_steps, spent=True)
+
+
+class _Relaxed:
+    """The barriers of Phase 1 in x = (c, sigma): every limit moved out by sigma·scale.
+
+    A cone is moved out along its axis: sigma adds the contact's reach to its normal force.
+    """
+
+    def __init__(self, problem: ForceProblem) -> None:
+        self.problem, self.barriers = problem, problem.barriers
+        self.scales = problem.violation_scales()
+        rows, cones = self.scales
+        self.A = np.column_stack((self.barriers.A, -rows))
+        self.b = self.barriers.b
+        push = np.zeros(problem.m)
+        push[problem.starts[:-1]] = cones / problem.mu
+        self.lift = np.column_stack((np.eye(problem.m), push))
+
+    def least_sigma(self, c: Array) -> float:
+        """The smallest slack that admits c."""
+        return float(relative_violation(c, self.barriers, self.scales))
+
+    def inside(self, x: Array) -> bool:
+        within = (slacks(x, self.A, self.b) > 0).all()
+        return bool(within and inside_cones(self.lift @ x, self.barriers.cones))
+
+    def derivatives(self, x: Array) -> tuple[Array, Array]:
+        lift, c, cones = self.lift, self.lift @ x, self.barriers.cones
+        gradient = grad_phi_lin(x, self.A, self.b) + lift.T @ grad_phi_soc(c, cones)
+        hessian = hess_phi_lin(x, self.A, self.b) + lift.T @ hess_phi_soc(c, cones) @ lift
+        return gradient, hessian
+
+    def proof(self, x: Array, d: Array) -> Certificate | None:
+        """Multipliers from a Newton step with λ < 1: dual feasible, so a proof if their gap > 0."""
+        lift, c, cones = self.lift, self.lift @ x, self.barriers.cones
+        r = slacks(x, self.A, self.b)
+        z = (1 + self.A @ d / r) / r
+        cone = grad_phi_soc(c, cones) + hess_phi_soc(c, cones) @ (lift @ d)
+        y = least_squares(self.problem.W.T, self.barriers.A.T @ z + cone)
+        total = float(z @ -self.A[:, -1]) + abs(float(lift[:, -1] @ cone))
+        proof = Certificate(y / total, z / total)
+        return proof if proof.proves_infeasible(self.problem) else None

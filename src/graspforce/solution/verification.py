@@ -1,0 +1,135 @@
+"""What an answer is worth: its residuals once more, from the problem's data alone, in NumPy.
+
+Nothing here believes a solver. SOLVED and the bound on the decrement are judged by the forces,
+INFEASIBLE by its certificate, WRENCH_UNREACHABLE by the range of W, UNBOUNDED by forces that are
+looked for anew, the others by what their forces and numbers claim.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspforce import equations
+from graspforce._engine.outcome import Outcome, Status
+from graspforce._util.arrays import Array
+from graspforce.certificate import Certificate
+from graspforce.equations import RUNAWAY, Barriers
+from graspforce.problem import ForceProblem
+from graspforce.reference.phase_one import find_inside
+
+# SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
+WRENCH_TOLERANCE = 1e-9
+# A certified bound may be passed by this part of itself.
+BOUND_TOLERANCE = 1e-6
+# Newton steps after which no forces out of all proportion to the limits are expected any more.
+MOST_STEPS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What :meth:`Solution.verify` recomputed from the data, and whether it bears out the status.
+
+    Attributes:
+        ok: the numbers below confirm the status; :meth:`Solution.verify` says what that takes.
+        wrench_error: largest |W c − f| [N, N·m].
+        friction_margin: smallest of the friction margins [N].
+        limit_margin: smallest slack of the linear limits, in each limit's own unit.
+        decrement: Newton decrement of Phi / min(1, alpha) at c, from NumPy; inf outside.
+        certificate_holds: the certificate proves infeasibility; None when there is none.
+    """
+
+    ok: bool
+    wrench_error: float
+    friction_margin: float
+    limit_margin: float
+    decrement: float
+    certificate_holds: bool | None
+
+
+def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
+    """Judge what a solver says of a problem; see :meth:`graspforce.Solution.verify`.
+
+    Args:
+        outcome: its status, forces, multipliers, bound, violation and certificate.
+        problem: what it was asked.
+    """
+    kept = problem.active_components
+    inner, whole, c = problem.restricted(), outcome.c, outcome.c[kept]
+    barriers = inner.barriers
+    with np.errstate(all="ignore"):
+        friction = float(equations.friction_margins(c, barriers.cones).min(initial=math.inf))
+        limits = float(equations.slacks(c, barriers.A, barriers.b).min(initial=math.inf))
+        inside = friction > 0 and limits > 0
+        decrement, error = math.inf, 0.0
+        if inside:
+            decrement, error = equations.decrement_and_error(c, inner.W, barriers)
+        bounded = decrement <= (1 + BOUND_TOLERANCE) * outcome.decrement + error
+        sound = (
+            np.isfinite(whole).all() and np.isfinite(outcome.nu).all() and not whole[~kept].any()
+        )
+        holds = _proved(outcome, problem)
+        match Status(outcome.status):
+            case Status.SOLVED:
+                ok = inside and _balanced(whole, problem)
+            case Status.INFEASIBLE:
+                scales = inner.violation_scales()
+                ok = bool(holds) and _admitted(c, barriers, scales, outcome.violation)
+            case Status.WRENCH_UNREACHABLE:
+                ok = not equations.wrench_reachable(inner.W, inner.f)
+            case Status.UNBOUNDED:
+                ok = not problem.has_limits or _boundless(inner)
+            case Status.MAX_STEPS | Status.STALLED:
+                ok = True
+            case Status.INVALID_NUMBERS:
+                ok = equations.may_overflow(problem.packed)
+        wrench_error = float(equations.wrench_error(whole, problem.W, problem.f))
+    return Verification(
+        bool(ok and bounded and sound), wrench_error, friction, limits, decrement, holds
+    )
+
+
+def _balanced(c: Array, problem: ForceProblem) -> bool:
+    return bool(equations.relative_wrench_error(c, problem.W, problem.f) <= WRENCH_TOLERANCE)
+
+
+def _proved(outcome: Outcome, problem: ForceProblem) -> bool | None:
+    """Whether the certificate holds; None without one."""
+    y, z = outcome.y, outcome.z
+    if y is None or z is None:
+        return None
+    return Certificate(y, z[problem.counted_limits()]).proves_infeasible(problem)
+
+
+def _admitted(c: Array, barriers: Barriers, scales: tuple[Array, Array], violation: float) -> bool:
+    """Whether cones and limits that are moved out by a relative violation admit the forces."""
+    A, b = np.abs(barriers.A), np.abs(barriers.b)
+    rounding = 64 * np.finfo(float).eps * ((A @ np.abs(c) + b) / scales[0]).max(initial=0.0)
+    found = equations.relative_violation(c, barriers, scales)
+    return bool(found <= (1 + BOUND_TOLERANCE) * violation + rounding)
+
+
+def _boundless(problem: ForceProblem) -> bool:
+    """Whether forces strictly inside all limits are 1e6 times what the limits are made for.
+
+    They are looked for with the sum of the normal forces given, as a row of W c = f more.
+
+    Args:
+        problem: every contact in the grasp.
+    """
+    total = RUNAWAY * float(equations.force_size(problem.barriers, problem.f)) or 1.0
+    if not problem.n or not math.isfinite(total):
+        return False
+    normals = np.zeros(problem.m)
+    normals[problem.starts[:-1]] = 1.0
+    far = problem.replace(W=np.vstack((problem.W, normals)), f=np.append(problem.f, total))
+    try:
+        if not all(equations.wrench_reachable(each.W, each.f) for each in (problem, far)):
+            return False
+        c_p, N = equations.particular_and_nullspace(far.W, far.f)
+        found = find_inside(far, N, c_p, MOST_STEPS)
+    except np.linalg.LinAlgError:
+        return False
+    return found.inside and _balanced(found.c, far)
