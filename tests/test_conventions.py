@@ -386,3 +386,16 @@ def test_28_rate_limits(rng):
     assert np.array_equal(servo.c_last, first.c)
     second = servo.step(f=planted.problem.f * 1.02)
     assert np.abs(second.c - first.c).max() < 0.5
+
+
+def test_29_a_soft_wrench(rng):
+    problem = plant(rng, ["PCWF"] * 4).problem.replace(f_soft=[0, 0, 0.5, 0, 0.02, 0])
+    found = gf.solve(problem)
+    missed = problem.W @ found.c - problem.f
+    assert np.abs(missed[[0, 1, 3, 5]]).max() < 1e-9
+    assert found.nu[[2, 4]] == pytest.approx(-missed[[2, 4]] / [0.5**2, 0.02**2], rel=1e-3)
+    assert found.wrench_error == pytest.approx(np.abs(missed).max())
+    cost = ((missed[[2, 4]] / [0.5, 0.02]) ** 2).sum() / 2
+    assert found.phi == pytest.approx(
+        gf.solve(problem.replace(f=problem.W @ found.c, f_soft=None)).phi + cost, abs=1e-3
+    )

@@ -14,15 +14,16 @@ from graspforce._engine import native
 
 FULL = {"ceilings": True, "floors": True, "inequalities": 2, "bias": True, "rates": True}
 ARRAYS = (
-    "W", "f", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement", "c_last",
-    "dc_max", "A", "b",
+    "W", "f", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement", "f_soft",
+    "c_last", "dc_max", "A", "b",
 )  # fmt: skip
 
 
 @pytest.fixture
 def full(rng):
-    """A problem with everything in it: 6 contacts of all kinds, every sort of limit."""
-    return plant(rng, KINDS * 2, alpha=3.0, spare=1, **FULL).problem
+    """A problem with everything in it: 6 contacts of all kinds, every sort of limit, a soft wrench."""
+    problem = plant(rng, KINDS * 2, alpha=3.0, spare=1, **FULL).problem
+    return problem.replace(f_soft=[0, 0.1, 0.2, 0, 0.01, 0.02])
 
 
 @pytest.fixture

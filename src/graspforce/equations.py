@@ -305,17 +305,25 @@ class Barriers(NamedTuple):
         A: matrix of the linear limits A c ≤ b, shape (v, m).
         b: their right-hand sides, shape (v,).
         alpha: weight of the linear limits, a number, or shape (…,).
+        S: rows of W over their softness, zero for exact ones, shape (k, m); None without softness.
+        t: entries of f over it, likewise, shape (k,): ½‖S c − t‖² is added to Phi.
     """
 
     cones: Cones
     A: Array
     b: Array
     alpha: Any
+    S: Array | None = None
+    t: Array | None = None
 
     @property
     def unit(self) -> Any:
         """min(1, alpha): divided by it, every term of Phi is standard self-concordant."""
         return np.minimum(1.0, self.alpha)
+
+    def lack(self, c: Array) -> Any:
+        """S c − t: what soft rows lack, in units of their softness, shape (k,); 0 without any."""
+        return 0.0 if self.S is None or self.t is None else _times(self.S, c) - self.t
 
 
 def joint_torques(c: Array, J: Array, tau_bias: Array) -> Array:
@@ -381,24 +389,26 @@ def strictly_inside(c: Array, barriers: Barriers, rounding: float = 0.0) -> NDAr
     Returns:
         A truth value; False where c holds NaN.
     """
-    cones, A, b, _ = barriers
+    cones, A, b = barriers[:3]
     least = rounding * (np.abs(b) + _times(np.abs(A), np.abs(c)))
     return (slacks(c, A, b) > least).all(axis=-1) & inside_cones(c, cones, rounding)
 
 
 def objective(c: Array, barriers: Barriers) -> Any:
-    """The weighted objective, Eq. (16): Phi_soc(c) + alpha·Phi_lin(c).
+    """The weighted objective, Eq. (16): Phi_soc(c) + alpha·Phi_lin(c), and what softness adds.
 
     Args:
         c: contact forces, shape (m,) [N, N·m].
-        barriers: cones, limits and alpha.
+        barriers: cones, limits, alpha and softness.
 
     Returns:
         A number [-]; inf outside the cones or the limits.
     """
-    cones, A, b, alpha = barriers
+    cones, A, b, alpha = barriers[:4]
     with np.errstate(divide="ignore", invalid="ignore"):
         value = phi_soc(c, cones) + alpha * phi_lin(c, A, b)
+        if barriers.S is not None:
+            value = value + np.square(barriers.lack(c)).sum(axis=-1) / 2
     return np.where(strictly_inside(c, barriers), value, np.inf)
 
 
@@ -412,10 +422,14 @@ def derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
     Returns:
         Shapes (m,) and (m, m) [1/N, 1/N², …].
     """
-    cones, A, b, alpha = barriers
+    cones, A, b, alpha = barriers[:4]
     weight = np.asarray(alpha)[..., None]
     gradient = grad_phi_soc(c, cones) + weight * grad_phi_lin(c, A, b)
-    return gradient, hess_phi_soc(c, cones) + weight[..., None] * hess_phi_lin(c, A, b)
+    hessian = hess_phi_soc(c, cones) + weight[..., None] * hess_phi_lin(c, A, b)
+    if barriers.S is None:
+        return gradient, hessian
+    columns = np.swapaxes(barriers.S, -1, -2)
+    return gradient + _times(columns, barriers.lack(c)), hessian + columns @ barriers.S
 
 
 def particular_and_nullspace(W: Array, f: Array) -> tuple[Array, Array]:
@@ -699,9 +713,9 @@ def factored_derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
 
     Returns:
         G, shape (v + 4 n, m), with rows of zeros for components that a contact does not have;
-        and γ, shape (v + 4 n,).
+        and γ, shape (v + 4 n,); with k rows more where there is softness.
     """
-    (dims, scaling), A, b, alpha = barriers
+    (dims, scaling), A, b, alpha = barriers[:4]
     weight = np.asarray(alpha / barriers.unit)[..., None]
     of_limits = np.sqrt(weight)[..., None] * A / slacks(c, A, b)[..., None]
     s = scaling * by_contact(c, dims)
@@ -716,10 +730,12 @@ def factored_derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
     of_cones = _block_diagonal(blocks, dims)
     pulls = (-doubled[..., None] * np.ones((len(dims), 1)) * axis).reshape(*c.shape[:-1], -1)
     ones = np.ones(slacks(c, A, b).shape)
-    return (
-        np.concatenate((of_limits, of_cones), axis=-2),
-        np.concatenate((np.sqrt(weight) * ones, pulls), axis=-1),
-    )
+    G, gamma = [of_limits, of_cones], [np.sqrt(weight) * ones, pulls]
+    if barriers.S is not None:
+        root = np.sqrt(np.asarray(barriers.unit))[..., None]
+        G.append(barriers.S / root[..., None])
+        gamma.append(barriers.lack(c) / root)
+    return np.concatenate(G, axis=-2), np.concatenate(gamma, axis=-1)
 
 
 def may_overflow(numbers: Array) -> bool:

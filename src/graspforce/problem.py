@@ -46,6 +46,7 @@ class ProblemOptions(TypedDict, total=False):
     alpha: float
     c_last: ArrayLike | None
     dc_max: ArrayLike | None
+    f_soft: ArrayLike | None
 
 
 class ProblemArguments(ProblemOptions, total=False):
@@ -82,6 +83,9 @@ class ForceProblem:
             its own last forces in.
         dc_max: the most by which each component of c may differ from c_last, shape (m,) or a
             scalar, above 0 [N, N·m]: ``|c − c_last| ≤ dc_max``, in Phi_lin like the others.
+        f_soft: softness of each row of W c = f, shape (k,) or a scalar [N, N·m]; 0 for a row that
+            has to hold. The others may be missed: ½‖(W c − f)/f_soft‖² over them is added to
+            what is minimised. What a pinch, a balance controller or a measured load needs.
 
     Raises:
         InvalidInputError: a wrong shape, NaN or infinity, a limit that excludes another, limits
@@ -102,6 +106,7 @@ class ForceProblem:
     c_max: Array
     c_min: Array
     engagement: Array
+    f_soft: Array
     c_last: Array
     dc_max: Array
     A: Array
@@ -127,14 +132,15 @@ class ForceProblem:
         alpha: float = 5.0,
         c_last: ArrayLike | None = None,
         dc_max: ArrayLike | None = None,
+        f_soft: ArrayLike | None = None,
     ) -> None:
         grasp = as_array(W, "W", ("k", "m"), finite=False)
         k, m = grasp.shape
         each = _models_for(models, m)
         given: dict[str, Any] = {
             "W": grasp, "f": f, "J": J, "tau_lo": tau_lo, "tau_hi": tau_hi, "tau_bias": tau_bias,
-            "c_max": c_max, "c_min": c_min, "engagement": engagement, "c_last": c_last,
-            "dc_max": dc_max, "A": A, "b": b, "alpha": alpha,
+            "c_max": c_max, "c_min": c_min, "engagement": engagement, "f_soft": f_soft,
+            "c_last": c_last, "dc_max": dc_max, "A": A, "b": b, "alpha": alpha,
         }  # fmt: skip
         for group in _GROUPS:
             _together({name: given[name] for name in group})
@@ -151,7 +157,7 @@ class ForceProblem:
             inequalities = given["A"].shape[0]
         layout = Layout(
             k, tuple(model.dim for model in each), joints, inequalities, c_max is not None,
-            c_min is not None, c_last is not None,
+            c_min is not None, c_last is not None, f_soft is not None,
         )  # fmt: skip
         given["mu"] = [model.mu for model in each]
         given["gamma"] = [model.gamma for model in each]
@@ -317,8 +323,26 @@ class ForceProblem:
 
     @property
     def barriers(self) -> Barriers:
-        """The cones and limits of Eq. (16); of a :meth:`restricted` problem, those that count."""
-        return Barriers(self.cones, *self.linear_limits(), self.alpha)
+        """The terms of Eq. (16); of a :meth:`restricted` problem, those that count."""
+        return Barriers(self.cones, *self.linear_limits(), self.alpha, *self._soft_rows())
+
+    @property
+    def exact(self) -> NDArray[np.bool_]:
+        """Which rows of W c = f have to hold, shape (k,): those without softness."""
+        if not self.layout.soft_wrench:
+            return np.ones(len(self.f), dtype=bool)
+        return self.f_soft == 0
+
+    @property
+    def equalities(self) -> tuple[Array, Array]:
+        """W, shape (k, m), and f, shape (k,), of W c = f with zeros for the soft rows."""
+        if not self.layout.soft_wrench:
+            return self.W, self.f
+        return self.W * self.exact[:, None], self.f * self.exact
+
+    def _soft_rows(self) -> tuple[Array, Array] | tuple[()]:
+        """S and t of :class:`graspforce.equations.Barriers`."""
+        return soft_rows(self.layout.views(self.packed)) if self.layout.soft_wrench else ()
 
     def linear_limits(self) -> tuple[Array, Array]:
         """Return every linear limit that counts as ``A c ≤ b`` (Eq. 5, 15 and 20).
@@ -396,6 +420,7 @@ class ForceProblem:
         bounds += ["ceilings"] if self.layout.ceilings else []
         bounds += ["floors"] if self.layout.floors else []
         bounds += ["rate limits"] if self.layout.rate_limits else []
+        bounds += ["soft wrench"] if self.layout.soft_wrench else []
         bounds += [f"{self.layout.inequalities} inequalities"] if self.layout.inequalities else []
         return (
             f"ForceProblem({contacts}; {', '.join(bounds) or 'no limits'}; "
@@ -431,6 +456,12 @@ def all_limits(layout: Layout, fields: Mapping[str, Array]) -> tuple[Array, Arra
     batch = fields["f"].shape[:-1]
     rows = [np.broadcast_to(A, batch + A.shape[-2:]) for A, _ in parts]
     return np.concatenate(rows, axis=-2), np.concatenate([b for _, b in parts], axis=-1)
+
+
+def soft_rows(fields: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return W and f over f_soft, zero in the exact rows, of a problem or a batch of them."""
+    over = np.where(fields["f_soft"] > 0, fields["f_soft"], np.inf)
+    return fields["W"] / over[..., None], fields["f"] / over
 
 
 def _touches(rows: Array, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -83,6 +83,7 @@ class Servo:
     c_max: Array
     c_min: Array
     engagement: Array
+    f_soft: Array
     c_last: Array
     dc_max: Array
     A: Array

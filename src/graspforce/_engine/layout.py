@@ -43,6 +43,7 @@ FIELDS: dict[str, Field] = {
     "c_max": Field(("n",), "Ceilings of the normal forces [N]", broadcast=True, flag="ceilings"),
     "c_min": Field(("n",), "Floors of the normal forces [N]", broadcast=True, flag="floors"),
     "engagement": Field(("n",), "Engagements, 0 to 1", broadcast=True, default=1.0),
+    "f_soft": Field(("k",), "Softness of W c = f [N, N·m]", broadcast=True, flag="soft_wrench"),
     "c_last": Field(("m",), "Forces of the tick before [N, N·m]", flag="rate_limits"),
     "dc_max": Field(("m",), "Most change of each [N, N·m]", broadcast=True, flag="rate_limits"),
     "A": Field(("p", "m"), "Matrix of A c ≤ b"),
@@ -71,6 +72,7 @@ class Layout(NamedTuple):
     ceilings: bool
     floors: bool
     rate_limits: bool
+    soft_wrench: bool
 
     @property
     def sizes(self) -> dict[str, int]:

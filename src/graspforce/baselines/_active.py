@@ -16,6 +16,7 @@ from graspforce import equations
 from graspforce._engine.outcome import PlainOutcome, Status
 from graspforce._util.arrays import Array, as_integer, require_instance
 from graspforce.contact import ContactModel
+from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
@@ -106,9 +107,13 @@ def trivial_verdict(problem: ForceProblem) -> Solution | None:
     """Return the answer to a problem that would overflow or has no contact left; else None.
 
     Raises:
-        InvalidInputError: no problem.
+        InvalidInputError: no problem, or one with a soft wrench.
     """
     require_instance(problem, "problem", ForceProblem)
+    if problem.layout.soft_wrench:
+        raise InvalidInputError(
+            "f_soft: got a soft wrench, expected none: this method keeps W c = f"
+        )
     if np.abs(problem.packed).max() > equations.LARGEST:
         return empty_solution(problem, Status.INVALID_NUMBERS)
     if problem.active.any():

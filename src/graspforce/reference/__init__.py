@@ -304,12 +304,12 @@ def decrement_and_error(c: Array, problem: ForceProblem) -> tuple[float, float]:
     See :func:`graspforce.equations.decrement_and_error`.
     """
     inner, barriers = _restricted(c, problem)
-    return equations.decrement_and_error(inner, problem.restricted().W, barriers)
+    return equations.decrement_and_error(inner, problem.restricted().equalities[0], barriers)
 
 
 def wrench_reachable(problem: ForceProblem) -> bool:
-    """Tell whether f is in the range of W, so that some contact force makes it (Eq. 17)."""
-    return equations.wrench_reachable(problem.restricted().W, problem.f)
+    """Tell whether the exact rows of f are in W's range: some contact force makes them (Eq. 17)."""
+    return equations.wrench_reachable(*problem.restricted().equalities)
 
 
 def violation_scales(problem: ForceProblem) -> tuple[Array, Array]:
@@ -351,11 +351,13 @@ def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Pl
     if not problem.has_limits:
         return _empty_outcome(problem, Status.UNBOUNDED)
     inner = problem.restricted()
-    if not equations.wrench_reachable(inner.W, inner.f):
+    W, f = inner.equalities
+    if not equations.wrench_reachable(W, f):
         return _empty_outcome(problem, Status.WRENCH_UNREACHABLE)
     if not inner.n:
-        return replace(_empty_outcome(problem, Status.SOLVED), decrement=0.0)
-    c_p, N = particular_and_nullspace(inner.W, inner.f)
+        nu = _soft_multipliers(problem, np.zeros(problem.m))
+        return replace(_empty_outcome(problem, Status.SOLVED), decrement=0.0, nu=nu)
+    c_p, N = particular_and_nullspace(W, f)
     lam = np.zeros(N.shape[1])
     if start is not None:
         lam = N.T @ (start[problem.active_components] - c_p)
@@ -425,8 +427,17 @@ def minimise(
         if np.abs(c).max() > runaway:
             status = Status.UNBOUNDED
             break
-    nu = least_squares(problem.W.T, equations.derivatives(c, barriers)[0])
-    return PlainOutcome(status, steps, c, nu, bound)
+    nu = least_squares(problem.equalities[0].T, equations.derivatives(c, barriers)[0])
+    return PlainOutcome(status, steps, c, nu + _soft_multipliers(problem, c), bound)
+
+
+def _soft_multipliers(problem: ForceProblem, c: Array) -> Array:
+    """Multipliers (f − W c)/f_soft² of the soft rows of W c = f, zero of the exact ones."""
+    nu = np.zeros(len(problem.f))
+    soft = ~problem.exact
+    if soft.any():
+        nu[soft] = (problem.f - problem.W @ c)[soft] / problem.f_soft[soft] ** 2
+    return nu
 
 
 def backtrack(

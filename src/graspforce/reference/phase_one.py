@@ -134,7 +134,7 @@ class _Relaxed:
         r = slacks(x, self.A, self.b)
         z = (1 + self.A @ d / r) / r
         cone = grad_phi_soc(c, cones) + hess_phi_soc(c, cones) @ (lift @ d)
-        y = least_squares(self.problem.W.T, self.barriers.A.T @ z + cone)
+        y = least_squares(self.problem.equalities[0].T, self.barriers.A.T @ z + cone)
         total = float(z @ -self.A[:, -1]) + abs(float(lift[:, -1] @ cone))
         proof = Certificate(y / total, z / total)
         return proof if proof.proves_infeasible(self.problem) else None

@@ -86,7 +86,10 @@ class Solution(native.SolutionBase):
 
     @property
     def nu(self) -> Array:
-        """Multipliers of W c = f at the optimum, shape (k,): ∇Phi(c) = W.T nu = dPhi*/df."""
+        """Multipliers of W c = f at the optimum, shape (k,): ∇Phi(c) = W.T nu, nu = dPhi*/df.
+
+        Of a soft row, (f − W c)/f_soft².
+        """
         return self._outcome.nu
 
     @property
@@ -182,7 +185,7 @@ class Solution(native.SolutionBase):
 
     @property
     def phi(self) -> float:
-        """The objective Phi(c) of Eq. (16); inf outside the limits."""
+        """The objective at c: Phi of Eq. (16), and ½‖(W c − f)/f_soft‖² with it; inf outside."""
         inner = self.problem.restricted()
         return float(equations.objective(self.c[self.problem.active_components], inner.barriers))
 
@@ -270,7 +273,7 @@ class Solution(native.SolutionBase):
         Besides, by status:
 
         * SOLVED: c is strictly inside every cone and limit, and W c = f holds to 1e-9 of the
-          wrenches that add up to f.
+          wrenches that add up to f, but for its soft rows.
         * INFEASIBLE: the certificate proves it, and limits moved out by ``violation`` admit c.
         * WRENCH_UNREACHABLE: f is out of the range of W by more than 1e-9.
         * UNBOUNDED: the problem has no limits but floors; or there are forces, found here and not

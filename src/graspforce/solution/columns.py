@@ -21,7 +21,7 @@ from graspforce._engine.layout import Layout
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.equations import Barriers, Cones
-from graspforce.problem import all_limits
+from graspforce.problem import all_limits, soft_rows
 from graspforce.solution import Solution
 
 # Solutions that are computed together, at most: what bounds the memory for their limits.
@@ -237,7 +237,8 @@ class _Chunk:
 
     def phi(self) -> Array:
         A, b = all_limits(self.layout, self.data)
-        return equations.objective(self.c, Barriers(self.cones, A, b, self.data["alpha"]))
+        soft = soft_rows(self.data) if self.layout.soft_wrench else ()
+        return equations.objective(self.c, Barriers(self.cones, A, b, self.data["alpha"], *soft))
 
 
 _FROM_DATA: dict[str, Callable[[_Chunk], Array]] = {

@@ -65,7 +65,7 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
         inside = friction > 0 and limits > 0
         decrement, error = math.inf, 0.0
         if inside:
-            decrement, error = equations.decrement_and_error(c, inner.W, barriers)
+            decrement, error = equations.decrement_and_error(c, inner.equalities[0], barriers)
         bounded = decrement <= (1 + BOUND_TOLERANCE) * outcome.decrement + error
         sound = (
             np.isfinite(whole).all() and np.isfinite(outcome.nu).all() and not whole[~kept].any()
@@ -78,7 +78,7 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
                 scales = inner.violation_scales()
                 ok = bool(holds) and _admitted(c, barriers, scales, outcome.violation)
             case Status.WRENCH_UNREACHABLE:
-                ok = not equations.wrench_reachable(inner.W, inner.f)
+                ok = not equations.wrench_reachable(*inner.equalities)
             case Status.UNBOUNDED:
                 ok = not problem.has_limits or _boundless(inner)
             case Status.MAX_STEPS | Status.STALLED:
@@ -92,7 +92,7 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
 
 
 def _balanced(c: Array, problem: ForceProblem) -> bool:
-    return bool(equations.relative_wrench_error(c, problem.W, problem.f) <= WRENCH_TOLERANCE)
+    return bool(equations.relative_wrench_error(c, *problem.equalities) <= WRENCH_TOLERANCE)
 
 
 def _proved(outcome: Outcome, problem: ForceProblem) -> bool | None:
@@ -124,11 +124,13 @@ def _boundless(problem: ForceProblem) -> bool:
         return False
     normals = np.zeros(problem.m)
     normals[problem.starts[:-1]] = 1.0
-    far = problem.replace(W=np.vstack((problem.W, normals)), f=np.append(problem.f, total))
+    f_soft = np.append(problem.f_soft, 0.0) if problem.layout.soft_wrench else None
+    W, f = np.vstack((problem.W, normals)), np.append(problem.f, total)
+    far = problem.replace(W=W, f=f, f_soft=f_soft)
     try:
-        if not all(equations.wrench_reachable(each.W, each.f) for each in (problem, far)):
+        if not all(equations.wrench_reachable(*each.equalities) for each in (problem, far)):
             return False
-        c_p, N = equations.particular_and_nullspace(far.W, far.f)
+        c_p, N = equations.particular_and_nullspace(*far.equalities)
         found = find_inside(far, N, c_p, MOST_STEPS)
     except np.linalg.LinAlgError:
         return False
