@@ -262,7 +262,8 @@ class Problems:
         The derivative of the optimum by the implicit function theorem, from one factorisation at
         ``forces.c``; as exact as that is, so solve with a ``tol`` of 1e-15 where it matters. In a
         row that is not SOLVED all are zero. Of an array that the problems share each row gets the
-        gradient by its own use of it: add them up.
+        gradient by its own use of it: add them up. Where W has dependent rows, the gradients by f
+        and W are those for changes that leave f in the range of W.
 
         Args:
             forces: what :meth:`solve` found for these numbers.
