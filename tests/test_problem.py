@@ -21,7 +21,7 @@ ARRAYS = (
 
 @pytest.fixture
 def full(rng):
-    """A problem with everything in it: 6 contacts of all kinds, every sort of limit, a soft wrench."""
+    """A problem with everything in it: 6 contacts of all kinds, every sort of limit, soft rows."""
     problem = plant(rng, KINDS * 2, alpha=3.0, spare=1, **FULL).problem
     return problem.replace(f_soft=[0, 0.1, 0.2, 0, 0.01, 0.02])
 
