@@ -59,11 +59,11 @@ static double time_steps(Rows& rows, AnyBarrier& barrier, const Problem& problem
   });
 }
 
-template <int Q, bool single>
+template <int Q, Grasps grasps>
 static double time_lanes(const Layout& layout, const Structure& structure, const Problem& problem,
                          const std::vector<double>& c, int count) {
-  if (!LaneBarrier<Q, single>::fits(layout, structure)) std::abort();
-  LaneBarrier<Q, single> barrier(layout);
+  if (!LaneBarrier<Q, grasps>::fits(layout, structure)) std::abort();
+  LaneBarrier<Q, grasps> barrier(layout);
   barrier.allot(structure);
   return time_steps(barrier, barrier, problem, c, count);
 }
@@ -78,10 +78,16 @@ static double steps(const std::string& kernel, int contacts, Model model, int co
   const std::vector<double> c(engine.forces(), engine.forces() + layout.components());
   Structure structure(layout);
   structure.find(problem);
-  if (kernel == "lanes3") return time_lanes<3, false>(layout, structure, problem, c, count);
-  if (kernel == "lanes4") return time_lanes<4, false>(layout, structure, problem, c, count);
-  if (kernel == "lanes3-single") return time_lanes<3, true>(layout, structure, problem, c, count);
-  if (kernel == "lanes4-single") return time_lanes<4, true>(layout, structure, problem, c, count);
+  if (kernel == "lanes3") return time_lanes<3, Grasps::Any>(layout, structure, problem, c, count);
+  if (kernel == "lanes4") return time_lanes<4, Grasps::Any>(layout, structure, problem, c, count);
+  if (kernel == "lanes3-small")
+    return time_lanes<3, Grasps::Small>(layout, structure, problem, c, count);
+  if (kernel == "lanes4-small")
+    return time_lanes<4, Grasps::Small>(layout, structure, problem, c, count);
+  if (kernel == "lanes3-plain")
+    return time_lanes<3, Grasps::Plain>(layout, structure, problem, c, count);
+  if (kernel == "lanes4-plain")
+    return time_lanes<4, Grasps::Plain>(layout, structure, problem, c, count);
   Blocks blocks(layout);
   blocks.allot(structure);
   Barrier barrier(blocks);

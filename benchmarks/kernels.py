@@ -35,11 +35,13 @@ SETS = {
                "-mprefer-vector-width=256"],
 }  # fmt: skip
 
-KERNELS = ("general", "lanes4", "lanes3", "lanes4-single", "lanes3-single")
+KERNELS = (
+    "general", "lanes4", "lanes3", "lanes4-small", "lanes3-small", "lanes4-plain", "lanes3-plain",
+)  # fmt: skip
 # Contacts, components of each, and the kernels that fit; the engine takes the last.
 TASKS: dict[str, tuple[int, int, tuple[str, ...]]] = {
     "4 point contacts": (4, 3, KERNELS),
-    "4 soft fingers": (4, 4, ("general", "lanes4", "lanes4-single")),
+    "4 soft fingers": (4, 4, ("general", "lanes4", "lanes4-small", "lanes4-plain")),
     "8 point contacts": (8, 3, ("general", "lanes4", "lanes3")),
     "8 soft fingers": (8, 4, ("general", "lanes4")),
     "64 point contacts": (64, 3, ("general", "lanes4", "lanes3")),

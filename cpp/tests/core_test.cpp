@@ -223,7 +223,7 @@ static void a_solve_between_ticks_keeps_no_pattern() {
   EXPECT(engine.kernels() == Kernels::Kind::General);
   engine.solve(without.packed.data(), kSettings);
   engine.solve(cube.packed.data(), kSettings);
-  EXPECT(engine.kernels() == Kernels::Kind::Lanes3Single);
+  EXPECT(engine.kernels() == Kernels::Kind::Lanes3Plain);
   engine.tick(coupled.packed.data(), kSettings, kChangedJacobian | kJacobianKept);
   EXPECT(engine.kernels() == Kernels::Kind::General);
 }

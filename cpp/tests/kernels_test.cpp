@@ -90,14 +90,15 @@ static void agree(const Layout& layout, const Found& general, const Found& other
   if (failures > before) std::printf("  %s \n", kernel.c_str());
 }
 
-template <int Q, bool single>
+template <int Q, Grasps grasps>
 static bool lanes(const Found& general, const Layout& layout, const Structure& structure,
-                  const Problem& problem, const std::vector<double>& c, const char* kernel) {
-  if (!LaneBarrier<Q, single>::fits(layout, structure)) return false;
-  LaneBarrier<Q, single> barrier(layout);
+                  const Problem& problem, const std::vector<double>& c) {
+  if (!LaneBarrier<Q, grasps>::fits(layout, structure)) return false;
+  LaneBarrier<Q, grasps> barrier(layout);
   barrier.allot(structure);
   barrier.load(problem, kChangedAll);
-  agree(layout, general, look(barrier, layout, c), kernel);
+  agree(layout, general, look(barrier, layout, c),
+        "lanes of " + std::to_string(Q) + ", grasps " + std::to_string(int(grasps)));
   return true;
 }
 
@@ -176,9 +177,11 @@ static void steps_of_least_squares_are_stationary() {
 // The engine takes the narrowest kernels that fit, as contacts couple, leave and return.
 static void the_engine_chooses_by_size_and_coupling() {
   using Kind = Kernels::Kind;
-  const auto chosen = [](int contacts, Model model, int wrench_rows, auto change) {
+  const auto chosen = [](int contacts, Model model, int wrench_rows, auto change,
+                         bool soft = false) {
     Random random(3);
     Layout layout;
+    layout.soft_wrench = soft;
     layout.models.assign(contacts, model);
     layout.wrench_rows = wrench_rows;
     layout.joints = 3 * contacts;
@@ -192,13 +195,16 @@ static void the_engine_chooses_by_size_and_coupling() {
   const auto nothing = [](RandomGrasp&, Random&) {};
   const auto leave = [](RandomGrasp& grasp, Random&) { grasp.data.engagement[2] = 0; };
   const auto couple = [](RandomGrasp& grasp, Random&) { grasp.data.J(0, 5) = 0.01; };
-  EXPECT(chosen(4, Model::PCWF, 6, nothing) == Kind::Lanes3Single);
-  EXPECT(chosen(4, Model::FPC, 6, nothing) == Kind::Lanes3Single);
-  EXPECT(chosen(4, Model::SFC, 6, nothing) == Kind::Lanes4Single);
+  EXPECT(chosen(4, Model::PCWF, 6, nothing) == Kind::Lanes3Plain);
+  EXPECT(chosen(4, Model::FPC, 6, nothing) == Kind::Lanes3Plain);
+  EXPECT(chosen(4, Model::SFC, 6, nothing) == Kind::Lanes4Plain);
   EXPECT(chosen(5, Model::PCWF, 6, nothing) == Kind::Lanes3);
   EXPECT(chosen(5, Model::SFC, 6, nothing) == Kind::Lanes4);
-  EXPECT(chosen(5, Model::PCWF, 6, leave) == Kind::Lanes3Single);
-  EXPECT(chosen(5, Model::SFC, 3, leave) == Kind::Lanes4Single);
+  EXPECT(chosen(5, Model::PCWF, 6, leave) == Kind::Lanes3Plain);
+  EXPECT(chosen(5, Model::SFC, 3, leave) == Kind::Lanes4Plain);
+  const auto soften = [](RandomGrasp& grasp, Random&) { grasp.data.f_soft[1] = 0.1; };
+  EXPECT(chosen(4, Model::PCWF, 6, soften, true) == Kind::Lanes3Small);
+  EXPECT(chosen(4, Model::SFC, 6, soften, true) == Kind::Lanes4Small);
   EXPECT(chosen(4, Model::PCWF, 6, couple) == Kind::General);
   EXPECT(chosen(4, Model::PCWF, 7, nothing) == Kind::General);
 }
@@ -207,7 +213,7 @@ int main() {
   the_engine_chooses_by_size_and_coupling();
   steps_of_least_squares_are_stationary();
   Random random(5);
-  int compared = 0, kernels[5] = {}, close = 0;
+  int compared = 0, kernels[7] = {}, close = 0;
   for (int trial = 0; trial < 3000; ++trial) {
     const Layout layout = random_layout(random, 12);
     RandomGrasp grasp(random, layout);
@@ -245,10 +251,13 @@ int main() {
     ++compared;
     close += general.lambda < 0.2;
     ++kernels[0];
-    kernels[1] += lanes<3, true>(general, layout, structure, problem, c, "lanes<3, single>");
-    kernels[2] += lanes<4, true>(general, layout, structure, problem, c, "lanes<4, single>");
-    kernels[3] += lanes<3, false>(general, layout, structure, problem, c, "lanes<3>");
-    kernels[4] += lanes<4, false>(general, layout, structure, problem, c, "lanes<4>");
+    const auto count = [&](auto kernel) { return kernel(general, layout, structure, problem, c); };
+    kernels[1] += count(lanes<3, Grasps::Plain>);
+    kernels[2] += count(lanes<4, Grasps::Plain>);
+    kernels[3] += count(lanes<3, Grasps::Small>);
+    kernels[4] += count(lanes<4, Grasps::Small>);
+    kernels[5] += count(lanes<3, Grasps::Any>);
+    kernels[6] += count(lanes<4, Grasps::Any>);
   }
   for (int count : kernels) EXPECT(count > 100);  // every kernel has been looked at
   EXPECT(close > 100);

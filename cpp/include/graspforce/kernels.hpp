@@ -8,13 +8,15 @@ namespace graspforce {
 
 class Kernels {
  public:
-  enum class Kind { General, Lanes3Single, Lanes4Single, Lanes3, Lanes4 };
+  enum class Kind { General, Lanes3Plain, Lanes4Plain, Lanes3Small, Lanes4Small, Lanes3, Lanes4 };
 
   explicit Kernels(const Layout& layout)
       : layout_(layout),
         structure_(layout),
-        lanes3_single_(layout),
-        lanes4_single_(layout),
+        lanes3_plain_(layout),
+        lanes4_plain_(layout),
+        lanes3_small_(layout),
+        lanes4_small_(layout),
         lanes3_(layout),
         lanes4_(layout),
         blocks_(layout),
@@ -37,8 +39,10 @@ class Kernels {
       chosen_ = kind;
       barrier.allot(structure_);
     };
-    prefer(lanes3_single_, Kind::Lanes3Single);
-    prefer(lanes4_single_, Kind::Lanes4Single);
+    prefer(lanes3_plain_, Kind::Lanes3Plain);
+    prefer(lanes4_plain_, Kind::Lanes4Plain);
+    prefer(lanes3_small_, Kind::Lanes3Small);
+    prefer(lanes4_small_, Kind::Lanes4Small);
     prefer(lanes3_, Kind::Lanes3);
     prefer(lanes4_, Kind::Lanes4);
     return true;
@@ -52,10 +56,14 @@ class Kernels {
       work(barrier);
     };
     switch (chosen_) {
-      case Kind::Lanes3Single:
-        return load_and_work(lanes3_single_);
-      case Kind::Lanes4Single:
-        return load_and_work(lanes4_single_);
+      case Kind::Lanes3Plain:
+        return load_and_work(lanes3_plain_);
+      case Kind::Lanes4Plain:
+        return load_and_work(lanes4_plain_);
+      case Kind::Lanes3Small:
+        return load_and_work(lanes3_small_);
+      case Kind::Lanes4Small:
+        return load_and_work(lanes4_small_);
       case Kind::Lanes3:
         return load_and_work(lanes3_);
       case Kind::Lanes4:
@@ -71,20 +79,21 @@ class Kernels {
 
   // What holds the rows of W c = f for a barrier.
   Blocks& rows(Barrier&) { return blocks_; }
-  template <int Q, bool single>
-  LaneBarrier<Q, single>& rows(LaneBarrier<Q, single>& barrier) {
+  template <int Q, Grasps grasps>
+  LaneBarrier<Q, grasps>& rows(LaneBarrier<Q, grasps>& barrier) {
     return barrier;
   }
 
  private:
   const Layout& layout_;
   Structure structure_;
-  // For grasps without coupled contacts; the first of each pair up to four contacts, the threes
-  // without soft fingers.
-  LaneBarrier<3, true> lanes3_single_;
-  LaneBarrier<4, true> lanes4_single_;
-  LaneBarrier<3, false> lanes3_;
-  LaneBarrier<4, false> lanes4_;
+  // For grasps without coupled contacts; the threes without soft fingers.
+  LaneBarrier<3, Grasps::Plain> lanes3_plain_;
+  LaneBarrier<4, Grasps::Plain> lanes4_plain_;
+  LaneBarrier<3, Grasps::Small> lanes3_small_;
+  LaneBarrier<4, Grasps::Small> lanes4_small_;
+  LaneBarrier<3, Grasps::Any> lanes3_;
+  LaneBarrier<4, Grasps::Any> lanes4_;
   Blocks blocks_;  // for all others
   Barrier barrier_;
   Kind chosen_ = Kind::General;

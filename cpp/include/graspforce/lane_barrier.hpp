@@ -2,11 +2,10 @@
 // time, one a lane, with everything of a contact's size fixed when compiled.
 //
 // The same mathematics with the same names; the kernels are in lane_group.hpp. Q is the largest
-// number of components that a contact of the grasp may have; with `single`, a grasp of no more than
-// four contacts, the compiler keeps a step's numbers in registers. W c = f has at most six rows,
-// and rows that are missing or not in use are rows of zeros with a one on the diagonal of the 6 × 6
-// system. The slacks of a soft wrench (see blocks.hpp) add F²/w to that diagonal, w the weight of
-// the cones.
+// number of components that a contact of the grasp may have. With no more than four contacts the
+// compiler keeps a step's numbers in registers. W c = f has at most six rows, and rows that are
+// missing or not in use are rows of zeros with a one on the diagonal of the 6 × 6 system. The
+// slacks of a soft wrench (see blocks.hpp) add F²/w to that diagonal, w the weight of the cones.
 #pragma once
 
 #include <algorithm>
@@ -19,8 +18,18 @@
 
 namespace graspforce {
 
-template <int Q, bool single>
+// Which grasps a barrier is compiled for.
+enum class Grasps {
+  Plain,  // at most four contacts, no rate limits, no soft wrench
+  Small,  // at most four contacts
+  Any,
+};
+
+template <int Q, Grasps grasps>
 class LaneBarrier {
+  static constexpr bool single = grasps != Grasps::Any;  // one group
+  static constexpr bool plain = grasps == Grasps::Plain;
+
  public:
   explicit LaneBarrier(const Layout& layout) : layout_(layout) {
     if (layout.wrench_rows > kWrench) return;  // never fits
@@ -32,6 +41,7 @@ class LaneBarrier {
   static bool fits(const Layout& layout, const Structure& structure) {
     if (layout.wrench_rows > kWrench || structure.blocks().empty()) return false;
     if (single && structure.blocks().size() > kLanes) return false;
+    if (plain && (layout.rate_limits || layout.soft_wrench)) return false;
     for (const Block& block : structure.blocks())
       if (block.contacts.size() > 1 || block.components.size() > Q) return false;
     return true;
@@ -72,7 +82,7 @@ class LaneBarrier {
     if (changed & kChangedJacobian)
       for (Group& group : *this) group.load_jacobian(p.J, layout_.joints);
     if (changed & kChangedRest) load_limits(p);
-    if (reduced || (changed & kChangedRest && layout_.soft_wrench)) load_softness(p);
+    if (reduced || (changed & kChangedRest && is_soft())) load_softness(p);
     if (reduced) settled_ = false;
     load_wrench(p);
   }
@@ -95,13 +105,13 @@ class LaneBarrier {
 
   void set_forces(const double* c) {
     for (Group& group : *this) group.set_forces(c);
-    if (layout_.soft_wrench) settle();
+    if (is_soft()) settle();
   }
 
   // c ← 2 last − before. Slacks stay what the last optimum made them.
   void extrapolate(const double* last, const double* before) {
     for (Group& group : *this) group.extrapolate(last, before);
-    if (layout_.soft_wrench && !settled_) settle();
+    if (is_soft() && !settled_) settle();
   }
 
   void get_forces(double* c) const {
@@ -119,7 +129,7 @@ class LaneBarrier {
     }
     const Lanes fallback = splat(known > 0 ? known : largest_f_ > 0 ? largest_f_ : 1);
     for (Group& group : *this) group.push(fraction * min(group.reach(), fallback), layout_);
-    if (layout_.soft_wrench) settle();
+    if (is_soft()) settle();
   }
 
   bool inside() const {
@@ -150,7 +160,7 @@ class LaneBarrier {
     if (!(size < kInfinity)) return kInfinity;
     Lanes high, low;
     errors(high, low);
-    return size > 0 ? greatest(max(high, low)) / size : 0;
+    return size > 0 ? std::max(0.0, greatest(max(high, low))) / size : 0;
   }
 
   // Whether the forces are out of all proportion to the limits.
@@ -173,16 +183,10 @@ class LaneBarrier {
   double newton() { return newton(f_); }
 
   double newton_from_multipliers() {
-    double last_nu[2 * kLanes], f[2 * kLanes];
+    double last_nu[2 * kLanes];
     std::copy_n(nu_, 2 * kLanes, last_nu);
-    std::copy_n(f_, 2 * kLanes, f);
     for (Group& group : *this) group.subtract_wrench(last_nu);
-    if (layout_.soft_wrench)
-      for (int r = 0; r < kWrench; ++r) {
-        slack_gradient_[r] -= F_[r] * last_nu[r];
-        f[r] -= D_[r] * last_nu[r];
-      }
-    const double lambda = newton(f);
+    const double lambda = is_soft() ? newton_of_slacks(last_nu) : newton(f_);
     for (int r = 0; r < kWrench; ++r) nu_[r] += last_nu[r];
     return lambda;
   }
@@ -194,7 +198,7 @@ class LaneBarrier {
     Lanes total = {};
     for (const Group& group : *this)
       for (int i = 0; i < Q; ++i) total += group.g[i] * group.d[i];
-    if (layout_.soft_wrench)
+    if (is_soft())
       for (int r : {0, kLanes}) total += four_at(slack_gradient_ + r) * four_at(ds_ + r);
     return sum(total);
   }
@@ -211,7 +215,7 @@ class LaneBarrier {
       GRASPFORCE_UNROLL
       for (int i = 0; i < Q; ++i) group.c[i] += t * group.d[i];
     }
-    if (layout_.soft_wrench)
+    if (is_soft())
       for (int r = 0; r < 2 * kLanes; ++r) s_[r] += t * ds_[r];
   }
 
@@ -233,7 +237,7 @@ class LaneBarrier {
       nu_[r] = sum(rhs[r]) + inverse_cone_weight_ * F_[r] * slack_gradient_[r];
     system_.solve(nu_);
     Lanes squared = {};
-    if (layout_.soft_wrench) squared += step_slacks();
+    if (is_soft()) squared += step_slacks();
     for (const Group& group : *this) {
       Lanes left[Q];
       squared += group.residual(nu_, left);
@@ -242,7 +246,9 @@ class LaneBarrier {
   }
 
  private:
-  using Group = LaneGroup<Q>;
+  using Group = LaneGroup<Q, plain>;
+
+  bool is_soft() const { return !plain && layout_.soft_wrench; }
 
   // The groups in use.
   Group* begin() { return single ? &only_ : groups_.data(); }
@@ -261,8 +267,18 @@ class LaneBarrier {
     sound_ = system_.solve(total, nu_);
     Lanes squared = {};
     for (Group& each : *this) squared += each.step(nu_);
-    if (layout_.soft_wrench) squared += step_slacks();
+    if (is_soft()) squared += step_slacks();
     return std::sqrt(sum(squared));
+  }
+
+  // The same with slacks, from multipliers that are taken for granted.
+  double newton_of_slacks(const double* last_nu) {
+    double f[2 * kLanes];
+    for (int r = 0; r < 2 * kLanes; ++r) {
+      slack_gradient_[r] -= F_[r] * last_nu[r];
+      f[r] = r < kWrench ? f_[r] - D_[r] * last_nu[r] : 0;
+    }
+    return newton(f);
   }
 
   // The slacks' step under multipliers ν, and its part in λ².
@@ -288,7 +304,7 @@ class LaneBarrier {
 
   template <bool with_hessian>
   bool evaluate() {
-    if (layout_.soft_wrench)
+    if (is_soft())
       for (int r = 0; r < 2 * kLanes; ++r) slack_gradient_[r] = cone_weight_ * s_[r];
     Lanes worst = splat(kInfinity);
     for (Group& group : *this)
@@ -300,12 +316,12 @@ class LaneBarrier {
   // |f − W c| of the exact rows, rows 0 to 3 and the others.
   GRASPFORCE_INLINE void errors(Lanes& high, Lanes& low) const {
     missing_wrench(high, low);
-    if (layout_.soft_wrench) {
-      high *= four_at(exact_);
-      low *= four_at(exact_ + kLanes);
-    }
     high = abs(high);
     low = abs(low);
+    if (!is_soft()) return;
+    // Soft rows stay below any error.
+    high = four_at(exact_) * high - (1 - four_at(exact_));
+    low = four_at(exact_ + kLanes) * low - (1 - four_at(exact_ + kLanes));
   }
   // f − W c.
   GRASPFORCE_INLINE void missing_wrench(Lanes& high, Lanes& low) const {
@@ -325,7 +341,7 @@ class LaneBarrier {
       for (int r = 0; r < kWrench; ++r) f_[r] = r < k_ ? p.f[row_[r]] : 0;
     const Lanes high = abs(four_at(f_)), low = abs(four_at(f_ + kLanes));
     largest_f_ = greatest(max(high, low));
-    largest_exact_f_ = layout_.soft_wrench
+    largest_exact_f_ = is_soft()
                            ? greatest(max(four_at(exact_) * high, four_at(exact_ + kLanes) * low))
                            : largest_f_;
   }
@@ -343,7 +359,7 @@ class LaneBarrier {
   // Softness of the rows in use, and the diagonal that goes with it.
   void load_softness(const Problem& p) {
     for (int r = 0; r < kWrench; ++r) {
-      F_[r] = layout_.soft_wrench && r < k_ ? p.f_soft[row_[r]] : 0;
+      F_[r] = is_soft() && r < k_ ? p.f_soft[row_[r]] : 0;
       D_[r] = r < k_ ? inverse_cone_weight_ * F_[r] * F_[r] : 1;
       exact_[r] = F_[r] > 0 ? 0 : 1;
     }
@@ -352,7 +368,7 @@ class LaneBarrier {
 
   const Layout& layout_;
   const int components_ = layout_.components();
-  Group only_;                 // with `single`; else
+  Group only_;                 // with a single group; else
   std::vector<Group> groups_;  // all of them
   std::vector<LaneRow<Q>> rows_;
   Group* end_ = nullptr;

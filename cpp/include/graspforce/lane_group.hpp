@@ -38,7 +38,7 @@ struct LaneRow {
 
 // Up to four contacts of up to Q components. A contact of fewer components has columns of zeros in
 // W and J for the rest: its barrier is that of the larger cone with nothing to move it sideways.
-template <int Q>
+template <int Q, bool plain>
 struct LaneGroup {
   using Row = LaneRow<Q>;
   static constexpr int kLower = Q * (Q + 1) / 2;
@@ -67,6 +67,9 @@ struct LaneGroup {
   Lanes inverse[Q] = {};  // of D
 
   Lanes weight(int i) const { return i == 3 ? torsion : splat(1); }
+
+  // Whether there are rate limits; compiled away from the kernels of plain grasps.
+  static bool rates(const Layout& layout) { return !plain && layout.rate_limits; }
 
   // ---- which contacts stand in the lanes -----------------------------------------------------
 
@@ -135,7 +138,7 @@ struct LaneGroup {
       const Lanes t = row.at(c);
       worst = min(worst, min(row.hi - t, t - row.lo));
     }
-    for (int i = 0; i < Q && layout.rate_limits; ++i)
+    for (int i = 0; i < Q && rates(layout); ++i)
       worst = min(worst, min(rate_hi[i] - c[i], c[i] - rate_lo[i]));
     return worst;
   }
@@ -198,7 +201,7 @@ struct LaneGroup {
         H[at(i, i)] = (sum_H[at(i, i)] + scaled * weight(i) * weight(i)) + outer * first[i];
       }
     }
-    return layout.rate_limits ? add_rates<with_hessian>(limit_weight, worst) : worst;
+    return rates(layout) ? add_rates<with_hessian>(limit_weight, worst) : worst;
   }
 
   // The rate limits' share of gradient and Hessian; returns the least slack, theirs included.
@@ -376,8 +379,7 @@ struct LaneGroup {
       const Lanes t = row.at(c);
       limit(row.hi - t, t - row.lo, row.at(d));
     }
-    for (int i = 0; i < Q && layout.rate_limits; ++i)
-      limit(rate_hi[i] - c[i], c[i] - rate_lo[i], d[i]);
+    for (int i = 0; i < Q && rates(layout); ++i) limit(rate_hi[i] - c[i], c[i] - rate_lo[i], d[i]);
     return worst;
   }
 
@@ -485,7 +487,7 @@ struct LaneGroup {
     if (layout.ceilings)
       ceiling = padding > 0 ? splat(kInfinity) : share * gather(p.c_max, contact);
     if (layout.floors) floor = padding > 0 ? splat(-kInfinity) : share * gather(p.c_min, contact);
-    for (int i = 0; i < Q && layout.rate_limits; ++i) {
+    for (int i = 0; i < Q && rates(layout); ++i) {
       const Lanes last = gather(p.c_last, component[i]), most = gather(p.dc_max, component[i]);
       rate_lo[i] = mask[i] > 0 ? last - most : splat(-kInfinity);
       rate_hi[i] = mask[i] > 0 ? last + most : splat(kInfinity);
@@ -499,7 +501,7 @@ struct LaneGroup {
       const Lanes t = row.a[0] * normal, up = t / row.hi, down = t / row.lo;
       used = max(used, t > 0 ? (row.hi > 0 ? up : used) : (row.lo < 0 ? down : used));
     }
-    if (layout.rate_limits) used = rate_hi[0] > 0 ? max(used, normal / rate_hi[0]) : used;
+    if (rates(layout)) used = rate_hi[0] > 0 ? max(used, normal / rate_hi[0]) : used;
     c[0] = padding > 0 ? splat(1) : normal * (kMostUsed / used);
     for (int i = 1; i < Q; ++i) c[i] = Lanes{};
   }
@@ -507,7 +509,7 @@ struct LaneGroup {
   // The size of force that the limits are made for, by the largest of them.
   Lanes size(const Layout& layout) const {
     Lanes most = ceiling < kInfinity ? ceiling : Lanes{};
-    for (int i = 0; i < Q && layout.rate_limits; ++i)
+    for (int i = 0; i < Q && rates(layout); ++i)
       most = mask[i] > 0 ? max(most, max(abs(rate_lo[i]), abs(rate_hi[i]))) : most;
     for (const Row& row : rows) {
       const Lanes low = row.lo > -kInfinity ? abs(row.lo) : Lanes{};
