@@ -403,16 +403,24 @@ def test_simulate_says_in_one_line_what_is_wrong(arguments, message):
 # ---- the parts ---------------------------------------------------------------------------------
 
 
-def test_a_step_starts_and_ends_on_the_surface_and_rises_between():
-    step = bulb().steps[5]
+def test_a_swing_starts_and_ends_on_the_surface_and_rises_between():
+    swing = bulb().steps[5]
     radius = 0.004
-    for t, grip in ((step.release.leave, step.start), (step.release.back, step.end)):
-        gap = grip.point - (radius - 5e-4) * grip.normal - swing_point(step, t, radius)
+    for t, grip in ((swing.release.leave, swing.start), (swing.release.back, swing.end)):
+        gap = grip.point - (radius - 5e-4) * grip.normal - swing_point(swing, t, radius)
         assert np.abs(gap).max() < 1e-12
-    times = np.linspace(step.release.leave, step.release.back, 101)
-    heights = [np.linalg.norm(swing_point(step, t, radius)) - 0.03 - radius for t in times]
+    times = np.linspace(swing.release.leave, swing.release.back, 101)
+    heights = [np.linalg.norm(swing_point(swing, t, radius)) - 0.03 - radius for t in times]
     assert max(heights) > 5e-3
     assert min(heights) > -6e-4
+
+
+def test_step_is_an_alias_of_finger_swing_that_warns():
+    with pytest.warns(DeprecationWarning, match="sim.Step is now graspforce.sim.FingerSwing"):
+        step = sim.Step
+    assert step is sim.FingerSwing
+    with pytest.raises(AttributeError, match="has no attribute 'other'"):
+        sim.other  # noqa: B018
 
 
 def test_rotation_vector_is_axis_times_angle():

@@ -125,10 +125,10 @@ def test_the_disturbance_table_has_every_kind_and_method():
 
 
 def test_the_minimum_norm_forces_are_the_smallest():
-    from graspforce.sim.minimum_norm import MinimumNorm
+    from graspforce.sim.minimum_norm_servo import MinimumNormServo
 
     problem = gf.scenarios.get("dynamic").problem(0.3)
-    found = MinimumNorm(problem).step()
+    found = MinimumNormServo(problem).step()
     assert found.status is Status.SOLVED
     assert found.wrench_error < 1e-6
     assert found.friction_margins.min() > -1e-6
