@@ -250,8 +250,8 @@ class Blocks {
         Tip& tip = part.tips[i];
         tip.reach = layout_.ceilings ? part.hi[others + i] : kInfinity;
         for (int r = 0; r < joints; ++r) {
-          const double lever = std::abs(part.a[r * part.q + tip.first]);
-          if (lever > 0) tip.reach = std::min(tip.reach, 2 * part.scale[r] / lever);
+          const double moment_arm = std::abs(part.a[r * part.q + tip.first]);
+          if (moment_arm > 0) tip.reach = std::min(tip.reach, 2 * part.scale[r] / moment_arm);
         }
         if (tip.reach < kInfinity) known = std::max(known, tip.reach);
       }

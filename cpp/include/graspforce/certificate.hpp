@@ -56,9 +56,9 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
         slop[c] += unit * std::abs(value);
       };
       for (int j = 0; j < joints; ++j) {
-        const double lever = p.J[entry_at(start + c, j, joints)];
-        term(lever * z_hi[j]);
-        term(-lever * z_lo[j]);
+        const double moment_arm = p.J[entry_at(start + c, j, joints)];
+        term(moment_arm * z_hi[j]);
+        term(-moment_arm * z_lo[j]);
       }
       if (c == 0 && layout.ceilings) term(z_max[i]);
       if (c == 0 && layout.floors) term(-z_min[i]);

@@ -522,8 +522,8 @@ struct LaneGroup {
   Lanes reach() const {
     Lanes least = ceiling;
     for (const Row& row : rows) {
-      const Lanes lever = abs(row.a[0]), range = row.hi - row.lo;
-      least = lever > 0 ? min(least, range / lever) : least;
+      const Lanes moment_arm = abs(row.a[0]), range = row.hi - row.lo;
+      least = moment_arm > 0 ? min(least, range / moment_arm) : least;
     }
     return least;
   }

@@ -73,7 +73,7 @@ inline int limit_count(const Layout& layout) {
          2 * layout.components() * int(layout.rate_limits);
 }
 
-// Rows lo ≤ a·c ≤ hi of all blocks together, whatever the blocks.
+// Rows lo ≤ a·c ≤ hi of all blocks together, for any partition.
 inline std::size_t most_rows(const Layout& layout) {
   return layout.joints + layout.inequalities + layout.contacts() +
          (layout.rate_limits ? layout.components() : 0);

@@ -81,7 +81,7 @@ inline void reflect(double* a, int rows, int n, int columns, double* beta, doubl
     std::copy(head + j + 1, head + columns, row + j + 1);
     for (int i = j + 1; i < rows; ++i) {
       double* other = a + i * columns;
-      if (other[j] == 0) continue;  // many are: a contact's cone knows nothing of the others
+      if (other[j] == 0) continue;  // many are: a contact's cone is independent of the others
       other[j] *= inverse;
       for (int c = j + 1; c < columns; ++c) row[c] += other[j] * other[c];
     }
