@@ -1,7 +1,7 @@
 // The shape of a force distribution problem and where its numbers stand in one flat buffer.
 //
-// The order of the fields is that of graspforce.problem.Layout in Python: whoever holds a packed
-// buffer holds a whole problem, and taking a snapshot of it is one copy.
+// The order of the fields is that of graspforce.problem.Layout in Python: a packed buffer is a
+// whole problem, and a snapshot of it is one copy.
 #pragma once
 
 #include <cstddef>

@@ -19,7 +19,8 @@ inline double dot(const double* a, const double* b, int n) {
 
 // Factors the lower triangle of the n×n matrix `a` in place, a = L Lᵀ, and returns the smallest
 // pivot relative to its diagonal entry before elimination: how far the matrix is from singular,
-// whatever the scaling of its rows. A pivot lost to rounding is replaced by a tiny positive one.
+// independent of the scaling of its rows. A pivot lost to rounding is replaced by a tiny positive
+// one.
 inline double cholesky(double* a, int n) {
   double smallest = 1;
   for (int i = 0; i < n; ++i) {
