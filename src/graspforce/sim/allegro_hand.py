@@ -28,12 +28,12 @@ _FILE = "allegro_right_hand.urdf"
 
 
 def allegro_hand(name: str, mu: float) -> tuple[Any, tuple[Finger, ...]]:
-    """Return a scene with the hand's palm at the origin, as an ``MjSpec``, and its fingers.
+    """Return a model with the hand's palm at the origin, as an ``MjSpec``, and its fingers.
 
     The fingers point along z, their flexed tips and the thumb along x.
 
     Args:
-        name: of the scene.
+        name: of the model.
         mu: coefficient of friction of the fingertips [-].
 
     Raises:

@@ -123,19 +123,19 @@ class _DisturbanceModel:
 
     def measured(self, pose: Pose, touches: list[Touch | None]) -> tuple[Pose, list[Touch | None]]:
         """Return pose and contacts with the sensors' noise."""
-        sensors = self._disturbance
+        disturbance = self._disturbance
 
         def noise(deviation: float) -> Array:
             return self._random.normal(0.0, deviation, 3) if deviation else np.zeros(3)
 
         noisy = Pose(
-            pose.position + noise(sensors.position_noise),
-            _rotated(pose.rotation, noise(sensors.angle_noise)),
-            pose.velocity + noise(sensors.velocity_noise),
-            pose.angular_velocity + noise(sensors.rate_noise),
+            pose.position + noise(disturbance.position_noise),
+            _rotated(pose.rotation, noise(disturbance.angle_noise)),
+            pose.velocity + noise(disturbance.velocity_noise),
+            pose.angular_velocity + noise(disturbance.rate_noise),
         )
         return noisy, [
-            touch and Touch(touch.point + noise(sensors.position_noise), touch.normal)
+            touch and Touch(touch.point + noise(disturbance.position_noise), touch.normal)
             for touch in touches
         ]
 
