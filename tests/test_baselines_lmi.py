@@ -76,7 +76,7 @@ def test_a_zero_direction_is_no_step():
     problem = paper_grasps()[0]
     solution = descend(
         problem, lambda _: lambda _, gradient: 0 * gradient, barrier=BARRIER, tol=1e-9,
-        max_steps=5, start=gf.solve(problem).c, judge_every=20,
+        max_steps=5, start=gf.solve(problem).c, decrement_every=20,
     )  # fmt: skip
     assert solution.status is gf.Status.MAX_STEPS
     assert solution.c == pytest.approx(gf.solve(problem).c)

@@ -4,6 +4,7 @@ import contextlib
 import copy
 import gc
 import pickle
+import pydoc
 
 import numpy as np
 import pytest
@@ -425,3 +426,10 @@ def test_settings_and_repr(default):
     assert servo.settings == default
     assert repr(servo) == f"Servo({servo.problem!r}, {default!r})"
     assert repr(servo).startswith("Servo(ForceProblem(3 PCWF + 1 SFC; 13 joints, ceilings;")
+
+
+def test_servo_help_of_tick_shows_its_documentation():
+    text = pydoc.plain(pydoc.render_doc(gf.Servo.tick))
+    assert "Solve the next tick from the fields" in text
+    assert "Returns:" in text
+    assert "Raises:" in text

@@ -30,7 +30,7 @@ def logs():
         ("regrasp", 0.5, 2),
     ],
 )
-def test_the_cube_is_where_it_should_be(logs, name, millimetres, degrees):
+def test_sim_the_cube_is_where_it_should_be(logs, name, millimetres, degrees):
     trial, log = logs[name]
     assert log.held
     assert log.message == ""
@@ -43,7 +43,7 @@ def test_the_cube_is_where_it_should_be(logs, name, millimetres, degrees):
     assert log.newton_steps.mean() <= 1.2
 
 
-def test_a_tick_is_some_calls_of_functions_and_no_more():
+def test_sim_a_tick_is_some_calls_of_functions_and_no_more():
     """What a simulation takes is Python's calls, not MuJoCo's steps or the force problem."""
     (trial,) = sim.get("circle", duration=0.1)
     calls = 0
@@ -61,12 +61,12 @@ def test_a_tick_is_some_calls_of_functions_and_no_more():
     assert calls < 50 * 2500  # 1300 a tick with NumPy 2.4, two physics steps among them
 
 
-def test_feed_forward_is_worth_it(logs):
+def test_sim_feed_forward_is_worth_it(logs):
     with_it, without = logs["circle"][1], logs["circle without feed-forward"][1]
     assert with_it.position_error.max() < without.position_error.max() / 3
 
 
-def test_the_physics_gives_the_forces_that_were_asked_for(logs):
+def test_sim_the_physics_gives_the_forces_that_were_asked_for(logs):
     trial, log = logs["circle"]
     asked = log.c.reshape(len(log.t), 4, 3)[:, :, 0]
     settled = log.t > 0.02
@@ -77,14 +77,14 @@ def test_the_physics_gives_the_forces_that_were_asked_for(logs):
     assert np.abs(log.force.sum(axis=1) - needed)[settled].max() < 0.1
 
 
-def test_no_force_leaves_its_cone(logs):
+def test_sim_no_force_leaves_its_cone(logs):
     for _, log in logs.values():
         normal = log.normal_force
         tangential = np.linalg.norm(log.force - normal[..., None] * log.normal, axis=-1)
         assert np.all(tangential <= 0.5 * normal + 1e-6)
 
 
-def test_finger_1_is_lifted_and_comes_back(logs):
+def test_sim_finger_1_is_lifted_and_comes_back(logs):
     _, log = logs["regrasp"]
     away = (log.t > 0.6) & (log.t < 1.4)
     assert log.clearance[:, 0].max() >= 5e-3
@@ -97,7 +97,7 @@ def test_finger_1_is_lifted_and_comes_back(logs):
     assert logs["circle"][1].regrasps == 0
 
 
-def test_the_force_of_the_leaving_finger_fades(logs):
+def test_sim_the_force_of_the_leaving_finger_fades(logs):
     _, log = logs["regrasp"]
     jumps = np.abs(np.diff(log.c[:, 0]))  # normal force of finger 1, from tick to tick
     assert jumps[log.t[1:] > 0.02].max() < 0.3

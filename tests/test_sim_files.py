@@ -41,7 +41,7 @@ def opengl(short):
 # ---- logs --------------------------------------------------------------------------------------
 
 
-def test_npz_has_every_array(short, tmp_path):
+def test_sim_npz_has_every_array(short, tmp_path):
     _, log = short
     log.save(tmp_path / "log.npz")
     with np.load(tmp_path / "log.npz") as data:
@@ -51,7 +51,7 @@ def test_npz_has_every_array(short, tmp_path):
                 np.testing.assert_array_equal(data[field.name], getattr(log, field.name))
 
 
-def test_csv_and_parquet_have_the_same_columns(short, tmp_path):
+def test_sim_csv_and_parquet_have_the_same_columns(short, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     _, log = short
     log.save(tmp_path / "log.csv")
@@ -68,7 +68,7 @@ def test_csv_and_parquet_have_the_same_columns(short, tmp_path):
     np.testing.assert_array_equal(table["force_2_z"], log.force[:, 1, 2])
 
 
-def test_an_ending_in_capitals_is_the_same_format(short, tmp_path):
+def test_sim_an_ending_in_capitals_is_the_same_format(short, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     _, log = short
     log.save(tmp_path / "log.NPZ")
@@ -79,7 +79,7 @@ def test_an_ending_in_capitals_is_the_same_format(short, tmp_path):
 
 
 @pytest.mark.parametrize("ending", [".npz", ".parquet", ".csv"])
-def test_a_log_goes_into_a_pipe(short, tmp_path, ending, monkeypatch):
+def test_sim_a_log_goes_into_a_pipe(short, tmp_path, ending, monkeypatch):
     pytest.importorskip("pyarrow")
     monkeypatch.setattr(atomic, "READER_TIMEOUT", 600)  # for cat to be started
     _, log = short
@@ -93,7 +93,7 @@ def test_a_log_goes_into_a_pipe(short, tmp_path, ending, monkeypatch):
     assert fifo.is_fifo()
 
 
-def test_a_log_goes_only_where_it_can(short, tmp_path):
+def test_sim_a_log_goes_only_where_it_can(short, tmp_path):
     _, log = short
     with pytest.raises(gf.InvalidInputError, match=r"\.npz or \.parquet or \.csv"):
         log.save(tmp_path / "log.txt")
@@ -110,7 +110,7 @@ def pushed(newtons):
     return sim.run(dataclasses.replace(trial, disturbance=sim.Disturbance(pushes=(push,))))
 
 
-def test_a_diverging_simulation_stops_with_tick_and_cause(tmp_path, monkeypatch):
+def test_sim_a_diverging_simulation_stops_with_tick_and_cause(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     log = pushed(1e13)
     assert log.ending is sim.Ending.DIVERGED
@@ -121,7 +121,7 @@ def test_a_diverging_simulation_stops_with_tick_and_cause(tmp_path, monkeypatch)
     assert list(tmp_path.iterdir()) == []  # MuJoCo's own log file
 
 
-def test_a_dropped_object_ends_it():
+def test_sim_a_dropped_object_ends_it():
     log = pushed(40.0)
     assert log.ending is sim.Ending.DROPPED
     assert not log.held
@@ -130,7 +130,7 @@ def test_a_dropped_object_ends_it():
     assert "mm off its target" in log.message
 
 
-def test_an_object_that_is_spun_round_is_lost_too():
+def test_sim_an_object_that_is_spun_round_is_lost_too():
     (trial,) = sim.get("hold", duration=0.1)
     start = trial.start.copy()
     start[15:19] = 0, 0, 0, 1  # half a turn about z, which leaves the sides where they were
@@ -143,7 +143,7 @@ def test_an_object_that_is_spun_round_is_lost_too():
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_still_shows_cones_and_forces(short, tmp_path):
+def test_sim_a_still_shows_cones_and_forces(short, tmp_path):
     imageio = pytest.importorskip("imageio.v3")
     trial, log = short
     sim.save_still(trial, log, tmp_path / "still.png", 0.08)
@@ -158,7 +158,7 @@ def test_a_still_shows_cones_and_forces(short, tmp_path):
 
 
 @pytest.mark.usefixtures("opengl")
-def test_a_film_has_a_frame_every_fortieth_of_a_second(short, tmp_path):
+def test_sim_a_film_has_a_frame_every_fortieth_of_a_second(short, tmp_path):
     imageio = pytest.importorskip("imageio.v3")
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     told = []
@@ -174,7 +174,7 @@ def test_a_film_has_a_frame_every_fortieth_of_a_second(short, tmp_path):
 
 @pytest.mark.usefixtures("opengl")
 @pytest.mark.parametrize("name", ["film.mp4", "film.gif", "FILM.GIF", "100%d:b.mp4"])
-def test_a_film_replaces_a_file_as_a_whole_or_not_at_all(short, tmp_path, name):
+def test_sim_a_film_replaces_a_file_as_a_whole_or_not_at_all(short, tmp_path, name):
     path = tmp_path / name
     path.write_text("old")
     path.chmod(0o600)
@@ -191,7 +191,7 @@ def test_a_film_replaces_a_file_as_a_whole_or_not_at_all(short, tmp_path, name):
     assert [each.name for each in tmp_path.iterdir()] == [name]
 
 
-def test_ffmpeg_that_fails_is_an_error_in_its_words(tmp_path):
+def test_sim_ffmpeg_that_fails_is_an_error_in_its_words(tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     frame = np.zeros((480, 640, 3), np.uint8)
     for frames in (1, 100):  # it ends before the last of many
@@ -199,7 +199,7 @@ def test_ffmpeg_that_fails_is_an_error_in_its_words(tmp_path):
             render._write_mp4(tmp_path / "no" / "film.mp4", iter([frame] * frames))
 
 
-def test_no_opengl_says_what_to_set_and_to_install(short, monkeypatch):
+def test_sim_no_opengl_says_what_to_set_and_to_install(short, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "egl")
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
     with pytest.raises(sim.RenderError, match=r"MUJOCO_GL=egl.*libegl1.*MUJOCO_GL=osmesa"):
@@ -227,7 +227,7 @@ cli.main()
 
 
 @pytest.mark.parametrize("setting", ["egl", "nonsense"])
-def test_a_setting_that_mujoco_cannot_follow_is_named_in_one_line(setting):
+def test_sim_a_setting_that_mujoco_cannot_follow_is_named_in_one_line(setting):
     run = without_opengl(setting)
     assert run.returncode == 2
     assert f"MUJOCO_GL={setting} gives no OpenGL context" in run.stderr
@@ -237,7 +237,7 @@ def test_a_setting_that_mujoco_cannot_follow_is_named_in_one_line(setting):
 
 
 @pytest.mark.parametrize("setting", ["", "disable"])
-def test_without_opengl_all_but_the_film_is_there(setting, tmp_path):
+def test_sim_without_opengl_all_but_the_film_is_there(setting, tmp_path):
     run = without_opengl(setting, "--log", tmp_path / "log.csv", "--video", tmp_path / "film.mp4")
     assert run.returncode == 2
     assert "held" in run.stdout
@@ -257,7 +257,7 @@ def without_opengl(setting, *arguments):
 # ---- missing extras ----------------------------------------------------------------------------
 
 
-def test_without_mujoco_the_pip_line_is_named():
+def test_sim_without_mujoco_the_pip_line_is_named():
     code = "import sys; sys.modules['mujoco'] = None; import graspforce; graspforce.sim"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, encoding="utf-8")
     assert re.search(r"pip install .*'mujoco[<>=]", run.stderr.splitlines()[-1])
@@ -280,7 +280,7 @@ def test_without_mujoco_the_pip_line_is_named():
         ),
     ],
 )
-def test_a_missing_package_is_named(short, tmp_path, monkeypatch, module, package, act):
+def test_sim_a_missing_package_is_named(short, tmp_path, monkeypatch, module, package, act):
     monkeypatch.setitem(sys.modules, module, None)
     brought_by = package.removesuffix("-ffmpeg")
     with pytest.raises(
@@ -290,7 +290,7 @@ def test_a_missing_package_is_named(short, tmp_path, monkeypatch, module, packag
     assert list(tmp_path.iterdir()) == []
 
 
-def test_without_the_allegro_package_the_pip_line_is_named(monkeypatch):
+def test_sim_without_the_allegro_package_the_pip_line_is_named(monkeypatch):
     def missing(name):
         raise importlib.metadata.PackageNotFoundError(name)
 
@@ -318,18 +318,18 @@ def test_without_the_allegro_package_the_pip_line_is_named(monkeypatch):
         ("disturbance", {"kind": "rain"}, "kind: got 'rain', expected all, none, push"),
     ],
 )
-def test_wrong_options_are_refused(name, options, message):
+def test_sim_wrong_options_are_refused(name, options, message):
     with pytest.raises(gf.InvalidInputError, match=message):
         sim.get(name, **options)
 
 
-def test_a_log_that_no_memory_holds_is_refused():
+def test_sim_a_log_that_no_memory_holds_is_refused():
     (endless,) = sim.get("hold", duration=1e13)
     with pytest.raises(gf.InvalidInputError, match=r"duration: got .* ticks, .* fit into memory"):
         sim.run(endless)
 
 
-def test_a_trial_that_does_not_fit_together_is_refused(short):
+def test_sim_a_trial_that_does_not_fit_together_is_refused(short):
     trial, _ = short
     with pytest.raises(gf.InvalidInputError, match="grips: got 3, expected 4"):
         dataclasses.replace(trial, grips=trial.grips[:3])
@@ -360,7 +360,7 @@ def test_simulate_prints_a_table_and_writes_the_log(tmp_path):
         assert len(data["t"]) == 50
 
 
-def test_a_narrow_terminal_loses_no_heading(short, capsys, monkeypatch):
+def test_sim_a_narrow_terminal_loses_no_heading(short, capsys, monkeypatch):
     trial, log = short
     console = rich.console.Console(width=80, highlight=False)
     monkeypatch.setattr(terminal, "stdout_console", lambda: console)
@@ -403,19 +403,27 @@ def test_simulate_says_in_one_line_what_is_wrong(arguments, message):
 # ---- the parts ---------------------------------------------------------------------------------
 
 
-def test_a_step_starts_and_ends_on_the_surface_and_rises_between():
-    step = bulb().steps[5]
+def test_sim_a_swing_starts_and_ends_on_the_surface_and_rises_between():
+    swing = bulb().steps[5]
     radius = 0.004
-    for t, grip in ((step.release.leave, step.start), (step.release.back, step.end)):
-        gap = grip.point - (radius - 5e-4) * grip.normal - swing_point(step, t, radius)
+    for t, grip in ((swing.release.leave, swing.start), (swing.release.back, swing.end)):
+        gap = grip.point - (radius - 5e-4) * grip.normal - swing_point(swing, t, radius)
         assert np.abs(gap).max() < 1e-12
-    times = np.linspace(step.release.leave, step.release.back, 101)
-    heights = [np.linalg.norm(swing_point(step, t, radius)) - 0.03 - radius for t in times]
+    times = np.linspace(swing.release.leave, swing.release.back, 101)
+    heights = [np.linalg.norm(swing_point(swing, t, radius)) - 0.03 - radius for t in times]
     assert max(heights) > 5e-3
     assert min(heights) > -6e-4
 
 
-def test_rotation_vector_is_axis_times_angle():
+def test_sim_step_is_an_alias_of_finger_swing_that_warns():
+    with pytest.warns(DeprecationWarning, match="sim.Step is now graspforce.sim.FingerSwing"):
+        step = sim.Step
+    assert step is sim.FingerSwing
+    with pytest.raises(AttributeError, match="has no attribute 'other'"):
+        sim.other  # noqa: B018
+
+
+def test_sim_rotation_vector_is_axis_times_angle():
     from scipy.spatial.transform import Rotation
 
     for vector in ([0.3, -0.2, 0.5], [0.0, 0.0, 0.0], [1e-7, 0.0, 2e-7], [0.0, 2.9, 0.0]):
@@ -446,7 +454,7 @@ def test_simulate_takes_settings_as_numbers_where_they_can_be(monkeypatch, given
     assert type(taken[name]) is type(value)
 
 
-def test_the_snippet_of_the_docs_runs(tmp_path, monkeypatch, capsys, opengl):
+def test_sim_the_snippet_of_the_docs_runs(tmp_path, monkeypatch, capsys, opengl):
     text = (Path(__file__).parents[1] / "docs" / "simulation.md").read_text(encoding="utf-8")
     (snippet,) = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
     monkeypatch.chdir(tmp_path)

@@ -64,7 +64,7 @@ def run():
     return trial, sim.run(trial)
 
 
-def test_an_own_hand_lifts_an_own_can(run):
+def test_sim_an_own_hand_lifts_an_own_can(run):
     _, log = run
     assert log.verdict == "held"
     assert log.position[-1, 2] - log.position[0, 2] == pytest.approx(0.01, abs=1e-4)
@@ -83,7 +83,7 @@ def test_an_own_hand_lifts_an_own_can(run):
     ],
     ids=["another name", "geared", "reversed"],
 )
-def test_whatever_the_motors_are_called_and_geared_the_joints_get_the_same(run, motor):
+def test_sim_whatever_the_motors_are_called_and_geared_the_joints_get_the_same(run, motor):
     log = sim.run(can_in_three_fingers(motor))
     np.testing.assert_allclose(log.tau_max, 0.4)
     np.testing.assert_allclose(log.position, run[1].position, atol=1e-9)
@@ -96,7 +96,7 @@ def test_whatever_the_motors_are_called_and_geared_the_joints_get_the_same(run, 
         ('ctrlrange="-.4 .4"', 'ctrlrange="0 .4"', "'a1': its motor's limit is -?0 N·m"),
     ],
 )
-def test_motors_without_a_limit_are_refused(old, new, message):
+def test_sim_motors_without_a_limit_are_refused(old, new, message):
     with pytest.raises(gf.ModelImportError, match=message):
         sim.run(can_in_three_fingers(f" {MOTOR}".replace(old, new)))
 
@@ -136,12 +136,12 @@ def ball(spec):
     ],
     ids=["none", "position servo", "ball joint"],
 )
-def test_joints_that_take_no_torque_are_refused(run, change, message):
+def test_sim_joints_that_take_no_torque_are_refused(run, change, message):
     with pytest.raises(gf.ModelImportError, match=message):
         sim.run(edited(run[0], change))
 
 
-def test_trials_that_do_not_fit_their_model(run):
+def test_sim_trials_that_do_not_fit_their_model(run):
     trial, _ = run
     for change, message in (
         ({"model": "can.xml"}, "model: got a str, expected an mujoco.MjModel"),
@@ -158,7 +158,7 @@ def test_trials_that_do_not_fit_their_model(run):
                                     grips=trial.grips[:1]))  # fmt: skip
 
 
-def test_an_object_out_of_reach_is_dropped_and_the_fingers_named(run):
+def test_sim_an_object_out_of_reach_is_dropped_and_the_fingers_named(run):
     trial, _ = run
     start = trial.start.copy()
     start[9:12] += [0.0, 0.2, 0.0]
@@ -170,7 +170,7 @@ def test_an_object_out_of_reach_is_dropped_and_the_fingers_named(run):
     assert len(log.t) == 1
 
 
-def test_two_points_that_cannot_twist_an_object_say_so(run):
+def test_sim_two_points_that_cannot_twist_an_object_say_so(run):
     """Two point contacts give no torque about the line between them, and the law asks for some."""
     trial, _ = run
     noise = sim.Disturbance(angle_noise=0.01)
@@ -186,7 +186,7 @@ def test_two_points_that_cannot_twist_an_object_say_so(run):
     )
 
 
-def test_divergence_is_seen_with_mujocos_reset_switched_on(run):
+def test_sim_divergence_is_seen_with_mujocos_reset_switched_on(run):
     """MuJoCo starts a diverged simulation again from its first pose unless it is told not to."""
     trial, _ = run
     push = sim.Disturbance(pushes=(sim.Push((1e13, 0.0, 0.0), start=0.05, duration=0.1),))
@@ -222,7 +222,7 @@ def pixel(camera, point):
     return round(width / 2 + scale * (ray @ right)), round(height / 2 - scale * (ray @ up))
 
 
-def test_arrows_are_as_long_as_their_forces(run, camera):
+def test_sim_arrows_are_as_long_as_their_forces(run, camera):
     trial, log = run
     tick = 200
     length = camera._length
@@ -242,7 +242,7 @@ def test_arrows_are_as_long_as_their_forces(run, camera):
             assert near.any() == drawn, (finger, share)
 
 
-def test_what_is_in_the_object_is_seen_through_it(run, camera):
+def test_sim_what_is_in_the_object_is_seen_through_it(run, camera):
     trial, _ = run
     assert trial.model.geom("t1").rgba[3] == 1  # the user's model stays as it is
     body = camera._model.geom_bodyid == camera._model.body("can").id
@@ -251,7 +251,7 @@ def test_what_is_in_the_object_is_seen_through_it(run, camera):
     assert trial.model.geom_rgba[body, 3].min() == 1
 
 
-def test_an_own_scene_is_drawn_at_any_size(run, camera, tmp_path):
+def test_sim_an_own_scene_is_drawn_at_any_size(run, camera, tmp_path):
     pytest.importorskip("imageio")
     assert run[0].model.vis.global_.offwidth == 640
     sim.save_still(*run, tmp_path / "can.png", 0.3)

@@ -19,7 +19,7 @@ def run(name, **options):
 
 @pytest.mark.parametrize("gravity", GRAVITIES)
 @pytest.mark.parametrize("shape", ["sphere", "box", "cylinder"])
-def test_allegro_holds_and_moves_it_whichever_way_is_down(shape, gravity):
+def test_sim_allegro_holds_and_moves_it_whichever_way_is_down(shape, gravity):
     trial, log = run("allegro", shape=shape, gravity=gravity)
     assert log.held
     assert np.all(log.status == Status.SOLVED)
@@ -35,7 +35,7 @@ def test_allegro_holds_and_moves_it_whichever_way_is_down(shape, gravity):
     np.testing.assert_allclose(log.force[-1].sum(axis=0), weight, atol=0.02)
 
 
-def test_allegro_has_five_directions_of_gravity():
+def test_sim_allegro_has_five_directions_of_gravity():
     directions = {direction for _, direction in GRAVITIES.values()}
     assert len(directions) == 5
     assert len(sim.get("allegro", shape="sphere")) == 5
@@ -44,7 +44,7 @@ def test_allegro_has_five_directions_of_gravity():
 # ---- the light bulb ----------------------------------------------------------------------------
 
 
-def test_the_bulb_is_screwed_in_finger_by_finger():
+def test_sim_the_bulb_is_screwed_in_finger_by_finger():
     trial, log = run("bulb")
     assert np.degrees(log.yaw[-1] - log.yaw[0]) >= 360
     assert np.all(log.status == Status.SOLVED)
@@ -83,7 +83,7 @@ def test_the_bulb_is_screwed_in_finger_by_finger():
         ("delay", "minimum_norm_80"),
     ],
 )
-def test_a_grip_with_reserve_holds(kind, method):
+def test_sim_a_grip_with_reserve_holds(kind, method):
     _, log = run("disturbance", kind=kind, method=method)
     assert log.verdict == "held"
     assert np.all(log.status == Status.SOLVED)
@@ -99,7 +99,7 @@ def test_a_grip_with_reserve_holds(kind, method):
         ("friction", "alpha=100"),
     ],
 )
-def test_a_grip_without_reserve_drops_it(kind, method):
+def test_sim_a_grip_without_reserve_drops_it(kind, method):
     _, log = run("disturbance", kind=kind, method=method)
     assert log.verdict == "dropped"
     assert log.ending is sim.Ending.DROPPED
@@ -107,7 +107,7 @@ def test_a_grip_without_reserve_drops_it(kind, method):
     assert "off its target" in log.message
 
 
-def test_a_firmer_grip_squeezes_more_and_works_the_joints_harder():
+def test_sim_a_firmer_grip_squeezes_more_and_works_the_joints_harder():
     use, squeeze = [], []
     for alpha in ("0.1", "1", "100"):
         _, log = run("disturbance", kind="none", method=f"alpha={alpha}", duration=0.4)
@@ -118,17 +118,17 @@ def test_a_firmer_grip_squeezes_more_and_works_the_joints_harder():
     assert squeeze[0] > 2 * squeeze[-1]
 
 
-def test_the_disturbance_table_has_every_kind_and_method():
+def test_sim_the_disturbance_table_has_every_kind_and_method():
     trials = sim.get("disturbance")
     assert len(trials) == 6 * len(KINDS)
     assert len({trial.name for trial in trials}) == len(trials)
 
 
-def test_the_minimum_norm_forces_are_the_smallest():
-    from graspforce.sim.minimum_norm import MinimumNorm
+def test_sim_the_minimum_norm_forces_are_the_smallest():
+    from graspforce.sim.minimum_norm_servo import MinimumNormServo
 
     problem = gf.scenarios.get("dynamic").problem(0.3)
-    found = MinimumNorm(problem).step()
+    found = MinimumNormServo(problem).step()
     assert found.status is Status.SOLVED
     assert found.wrench_error < 1e-6
     assert found.friction_margins.min() > -1e-6
@@ -140,7 +140,7 @@ def test_the_minimum_norm_forces_are_the_smallest():
         assert found.c @ (other - found.c) > -1e-5
 
 
-def test_noise_is_repeatable_and_delay_is_felt():
+def test_sim_noise_is_repeatable_and_delay_is_felt():
     _, first = run("disturbance", kind="noise", method="alpha=5", duration=0.2)
     _, again = run("disturbance", kind="noise", method="alpha=5", duration=0.2)
     _, none = run("disturbance", kind="none", method="alpha=5", duration=0.2)
@@ -153,7 +153,7 @@ def test_noise_is_repeatable_and_delay_is_felt():
 # ---- a robot on four feet ----------------------------------------------------------------------
 
 
-def test_the_quadruped_stands_and_sways():
+def test_sim_the_quadruped_stands_and_sways():
     trial, log = run("quadruped")
     assert log.held
     assert np.all(log.status == Status.SOLVED)

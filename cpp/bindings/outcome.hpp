@@ -1,4 +1,4 @@
-// What a solve found, as Python gets it.
+// The result of a solve, as Python gets it.
 #pragma once
 
 #include <algorithm>

@@ -12,8 +12,8 @@
 
 namespace graspforce {
 
-// A flaw for Python to put into words: the field, the indices of the entry, what came, what was
-// expected.
+// A flaw, of which Python makes the message: the field, the indices of the entry, what came, what
+// was expected.
 inline nb::object describe(const Flaw& flaw) {
   const nb::object indices = flaw.axes == 0   ? nb::make_tuple()
                              : flaw.axes == 1 ? nb::make_tuple(flaw.row)
@@ -53,9 +53,9 @@ class PythonServo : public Servo {
     return statuses_[static_cast<int>(solve().status)];
   }
 
-  // Takes a dict of changed fields that are plainly fine and solves, for a Solution; None, with
+  // Takes a dict of changed fields that need no conversion and solves, for a Solution; None, with
   // nothing changed, when any is no field, not a float64 array of the field's shape (or a float for
-  // alpha) or might not be valid: Python looks closer.
+  // alpha) or might not be valid: Python then checks and converts.
   nb::object step(PyObject* changes) {
     const BusyGuard guard(busy_);
     stage();

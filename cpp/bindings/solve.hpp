@@ -26,9 +26,10 @@ inline bool describes(nb::handle tuple, const Layout& layout) {
   return true;
 }
 
-// Solves a graspforce.ForceProblem, given with its layout and its buffer, from nothing or from
+// Solves a graspforce.ForceProblem, given with its layout and its buffer, cold or from
 // `start` (None, or m float64 forces); `solution` is graspforce.Solution, what comes back one of
-// its objects, or None where the start is no plain array of finite numbers: Python looks closer.
+// its objects, or None where the start is no plain array of finite numbers: Python then checks and
+// converts.
 inline nb::object solve(nb::handle solution, nb::handle problem, nb::handle layout,
                         nb::handle packed, nb::handle start, double tol, int max_steps,
                         double budget_us) {

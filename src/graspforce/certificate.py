@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspforce._util.arrays import Array, as_array, require_instance, signless
+from graspforce._util.arrays import Array, as_array, hash_bytes, require_instance
 from graspforce.equations import dual_margins
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
@@ -56,7 +56,7 @@ class Certificate:
         return np.array_equal(self.y, other.y) and np.array_equal(self.z, other.z)
 
     def __hash__(self) -> int:
-        return hash((signless(self.y), signless(self.z)))
+        return hash((hash_bytes(self.y), hash_bytes(self.z)))
 
 
 def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:

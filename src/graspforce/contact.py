@@ -1,4 +1,4 @@
-"""Contacts: what a fingertip can push with, and where it touches.
+"""Contacts: contact models, and where a fingertip touches.
 
 A contact model says which components of force a contact transmits and which cone they stay in
 (Section II of the paper):
@@ -12,7 +12,7 @@ SFC        normal, x, y, torsion       mu n > ‖(x, y, (mu/gamma) torsion)‖
 The contact frame's normal points INTO the object; x and y are tangents, right-handed with it
 (x × y = normal).
 
-A model is its number of components ``dim`` and its coefficients ``mu`` and ``gamma``; nothing else
+A model is its number of components ``dim`` and its coefficients ``mu`` and ``gamma``; no other code
 branches on its class. c_i are the first ``dim`` of (normal force, x, y, torsion), and scaled by the
 first ``dim`` of (mu, 1, 1, mu/gamma) they make every cone the same Lorentz cone.
 """
@@ -32,21 +32,21 @@ from graspforce._util.arrays import (
     as_array,
     as_positive,
     as_tuple,
+    hash_bytes,
     require_instance,
-    signless,
 )
 from graspforce.errors import InvalidInputError, warn
 
-# A normal this close to unit length is taken as meant to be one and is normalised.
+# A normal this close to unit length is normalised; others are refused.
 UNIT_TOLERANCE = 1e-6
 
-# Contacts further apart [m], or a torsional friction coefficient above this [m]: millimetres?
+# Above these, contacts' distance [m] and gamma [m] are probably in millimetres.
 LARGEST_SPAN = 5.0
 LARGEST_GAMMA = 1.0
 
 
 class _Model:
-    """What every contact model has; its classes set ``dim``, and the coefficients they need."""
+    """Base of the contact models, which set ``dim``, ``mu`` and ``gamma``."""
 
     __slots__ = ()
     dim: ClassVar[int]
@@ -151,7 +151,7 @@ def as_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
 
 
 def warn_of_slips(contacts: Sequence[Contact]) -> None:
-    """Warn, from the line of the user's call, of contacts that look like a slip.
+    """Warn, at the user's line, of contacts that are probably an input error.
 
     Millimetres: the contacts spread over more than ``LARGEST_SPAN`` along an axis, or a soft
     finger's gamma is above ``LARGEST_GAMMA``. Normals out of the object: each points away from
@@ -186,7 +186,7 @@ def _points_away(contact: Contact, centre: Array) -> bool:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return a × b along the first axis; a tenth of the time that NumPy's general one takes."""
+    """Return a × b along the first axis; ten times as fast as NumPy's general one."""
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
@@ -209,7 +209,7 @@ class Contact:
         normal: unit normal INTO the object, shape (3,); within 1e-6 of unit length.
         model: FPC, PCWF or SFC.
         tangent: the direction of the frame's x, shape (3,), any length, projected onto the
-            tangent plane. It only fixes the frame's roll. Default: a tangent chosen from the
+            tangent plane. It fixes only the frame's roll. Default: a tangent chosen from the
             normal alone.
 
     Raises:
@@ -232,7 +232,7 @@ class Contact:
         along = any_tangent(unit) if tangent is None else as_array(tangent, "tangent", (3,))
         size = math.hypot(*along)
         flat = along / size if size else along
-        for _ in range(2):  # once more for what cancellation has left of the normal
+        for _ in range(2):  # the second pass removes what cancellation left along the normal
             flat = flat - (flat @ unit) * unit
         length = math.hypot(*flat)
         if length <= 1e-9:
@@ -284,7 +284,7 @@ class Contact:
         )
 
     def __hash__(self) -> int:
-        return hash((self.model, signless(self.point), signless(self.normal)))
+        return hash((self.model, hash_bytes(self.point), hash_bytes(self.normal)))
 
 
 def _restore(point: Array, normal: Array, model: ContactModel, tangent: Array) -> Contact:

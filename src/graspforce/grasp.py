@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Grasp:
-    """Geometry in, W, J and limits out.
+    """W, J and torque limits of contacts and a hand.
 
     Args:
         contacts: n contacts, in one frame (the hand's, when there is a hand).
@@ -41,7 +41,7 @@ class Grasp:
             motor moves, shape (k, m); k = 0 for others.
         passive_loads: what that work has to be, shape (k,): 0 but for the fingers' own weight.
         links: what makes each contact, where that was read from a robot; otherwise empty.
-        notes: what a reader of a robot found that its user should know.
+        notes: remarks of the import from a robot.
 
     Raises:
         InvalidInputError: no contacts, a hand without q or the reverse, no hand, a wrong shape.
@@ -61,15 +61,15 @@ class Grasp:
         if (hand is None) != (q is None):
             given, missing = ("q", "hand") if hand is None else ("hand", "q")
             raise InvalidInputError(f"{missing}: missing; {given} came without it")
-        self._place(as_contacts(contacts), as_array(origin, "origin", (3,)))
+        self._set_contacts(as_contacts(contacts), as_array(origin, "origin", (3,)))
         warn_of_slips(self.contacts)
         if hand is not None and q is not None:
             from graspforce.hands.hand import actuation
 
-            self._actuate(actuation(hand, self.contacts, q))
+            self._set_actuation(actuation(hand, self.contacts, q))
 
-    def _place(self, contacts: tuple[Contact, ...], origin: Array) -> None:
-        """Take contacts and an origin that were checked before; there is no hand yet."""
+    def _set_contacts(self, contacts: tuple[Contact, ...], origin: Array) -> None:
+        """Set checked contacts and origin, without a hand."""
         self.contacts, self.origin = contacts, origin
         self.W = map_about(origin, contacts)
         self.models: tuple[ContactModel, ...] = tuple(each.model for each in contacts)
@@ -83,7 +83,7 @@ class Grasp:
         self.links: tuple[str, ...] = ()
         self.notes: tuple[str, ...] = ()
 
-    def _actuate(self, actuation: Actuation) -> None:
+    def _set_actuation(self, actuation: Actuation) -> None:
         (
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
             self.passive_rows, self.passive_loads,
@@ -161,8 +161,8 @@ class Grasp:
     @classmethod
     def _imported(cls, read: ImportedGrasp) -> Grasp:
         grasp = cls.__new__(cls)
-        grasp._place(read.contacts, read.origin)
-        grasp._actuate(read.actuation)
+        grasp._set_contacts(read.contacts, read.origin)
+        grasp._set_actuation(read.actuation)
         grasp.links, grasp.notes = read.links, read.notes
         return grasp
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspforce import equations
 from graspforce._engine import native
 from graspforce._engine.layout import FIELDS, Layout, Slot
-from graspforce._util.arrays import Array, as_array, require_keywords, signless
+from graspforce._util.arrays import Array, as_array, hash_bytes, require_keywords
 from graspforce.contact import ContactModel, as_models, contact_starts, model_of
 from graspforce.equations import Barriers, Cones
 from graspforce.errors import InvalidInputError
@@ -408,7 +408,7 @@ class ForceProblem:
         return self.layout == other.layout and np.array_equal(self.packed, other.packed)
 
     def __hash__(self) -> int:
-        return hash((self.layout, signless(self.packed)))
+        return hash((self.layout, hash_bytes(self.packed)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (ForceProblem.from_packed, (self.layout, np.array(self.packed)))

@@ -1,8 +1,8 @@
-"""Engagement schedules: fingers that let go and take hold again (Section III-C.3).
+"""Engagement schedules: fingers that release and regrasp (Section III-C.3).
 
 The ceiling of a finger's normal force is engagement·c_max (Eq. 20). A schedule takes the
 engagement from 1 to 0 before the finger leaves and back to 1 after it returned. At or below
-``REMOVAL_THRESHOLD`` the finger has left the problem altogether.
+``REMOVAL_THRESHOLD`` the contact is removed from the problem.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Release:
 
     Args:
         finger: index of the contact.
-        leave: when it has let go [s]; its engagement falls during ``ramp`` before that.
+        leave: when it has released [s]; its engagement falls during ``ramp`` before that.
         back: when it touches again [s]; its engagement rises during ``ramp`` after that.
         ramp: length of each transition [s].
     """
@@ -69,7 +69,7 @@ class Release:
         object.__setattr__(self, "ramp", as_positive(self.ramp, "Release.ramp", "s"))
         for name in ("leave", "back"):
             time = float(as_array(getattr(self, name), f"Release.{name}", (), finite=False))
-            if math.isnan(time):  # infinity is never
+            if math.isnan(time):  # infinity: never
                 raise InvalidInputError(f"Release.{name}: got {time}, expected a time in s")
             object.__setattr__(self, name, time)
         if self.leave > self.back:

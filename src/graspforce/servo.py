@@ -1,10 +1,10 @@
-"""Contact forces tick after tick: the one stateful class of graspforce.
+"""Contact forces tick after tick, warm-started: the one stateful class of graspforce.
 
 A servo loop asks for forces at 250 Hz to 1 kHz, and from one tick to the next the optimum moves
 smoothly. A :class:`Servo` extrapolates its last two optima (Section III-C.5), takes a Newton
-step that also restores W c = f, and judges it by a bound known beforehand; on most ticks that is
-all. Where the extrapolated forces leave the limits it starts from the last optimum, and only
-where that fails too from scratch.
+step that also restores W c = f, and accepts it by an a-priori bound; most ticks end there. Where
+the extrapolated forces leave the limits it starts from the last optimum, and where that fails, too,
+it starts cold.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Servo:
         if servo.tick() is gf.Status.SOLVED:
             tau = servo.J.T @ servo.c
 
-    Contacts leave the grasp and come back through ``engagement``; that takes no new memory.
+    Contacts leave the grasp and come back through ``engagement``, without new memory.
 
     A copy, by ``copy``, ``deepcopy`` or ``pickle``, has the same settings and arrays of its own
     with the same numbers. It has had no tick: its first one starts cold.
@@ -69,7 +69,7 @@ class Servo:
 
         Raises:
             InvalidInputError: a number is not finite or out of its range; the Servo then answers
-                the next good tick as if nothing had happened.
+                the next valid tick as if this one had not been made.
         """,
     }
 
@@ -115,8 +115,8 @@ class Servo:
         Raises:
             InvalidInputError: an argument is wrong; the Servo is as it was before the call.
         """
-        # The native backend takes plain arrays with valid numbers, and leaves everything else,
-        # unchanged, to the checks below.
+        # The native backend takes plain arrays with valid numbers, and leaves
+        # everything else to the checks below.
         solution = self._step(changes)
         if solution is not None:
             return solution
@@ -149,10 +149,10 @@ class Servo:
         return Solution(self._backend.step_problem(problem.packed), problem)
 
     def reset(self) -> None:
-        """Forget the past optima: the next tick starts cold."""
+        """Discard the past optima: the next tick starts cold."""
         self._backend.reset()
 
-    # ---- what the last tick found -------------------------------------------------------------
+    # ---- results of the last tick -------------------------------------------------------------
 
     @property
     def c(self) -> Array:
@@ -187,7 +187,7 @@ class Servo:
         return self._settings
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy and pickle by what makes another: the last problem, the settings, the arrays."""
+        """Copy and pickle by the last problem, the settings and the arrays."""
         return (type(self), (self.problem, self._settings), np.array(self._backend.numbers))
 
     def __setstate__(self, numbers: Array) -> None:

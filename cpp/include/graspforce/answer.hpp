@@ -1,5 +1,5 @@
-// What a solve finds: verdict, forces, multipliers and, where there is one, a certificate; and what
-// it takes over from a run of Newton's method.
+// The result of a solve: status, forces, multipliers and, where there is one, a certificate; and
+// how a run of Newton's method enters it.
 #pragma once
 
 #include <algorithm>
@@ -90,7 +90,7 @@ struct Answer {
   template <class AnyBarrier>
   bool take(const Newton& reached, const AnyBarrier& barrier, const Budget& budget, bool balanced) {
     using End = Newton::End;
-    if (reached.end == End::Certified && barrier.runaway()) {  // rounding alone has stopped it
+    if (reached.end == End::Certified && barrier.runaway()) {  // bounded by rounding only
       clear(Status::Unbounded);
       return true;
     }

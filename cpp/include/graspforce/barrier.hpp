@@ -3,7 +3,7 @@
 // In every block the Hessian H and the gradient g of Phi are dense and small; the blocks meet only
 // in W c = f. With H = L Lᵀ, Z = L⁻¹ Wᵀ, u = L⁻¹ g the step of the whole problem is
 //
-//     (Σ ZᵀZ) ν = f − W c + Σ Zᵀu        k × k, whatever the number of contacts
+//     (Σ ZᵀZ) ν = f − W c + Σ Zᵀu        k × k, for any number of contacts
 //     d = L⁻ᵀ (Z ν − u)                  in each block
 //     λ² = Σ ‖Z ν − u‖²                  the decrement, d's restoring part included
 //

@@ -1,5 +1,5 @@
 // What the engine and Newton's loop ask of a barrier, whichever kernels it is made of: Barrier,
-// OrthogonalBarrier, LaneBarrier. cpp/tests/kernels_test.cpp holds all of them to one another.
+// OrthogonalBarrier, LaneBarrier. cpp/tests/kernels_test.cpp compares them.
 #pragma once
 
 #include <type_traits>

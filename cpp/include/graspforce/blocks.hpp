@@ -3,7 +3,7 @@
 // In every block all linear limits are rows lo ≤ a·c ≤ hi: joint torques (less their bias), then
 // the problem's inequalities, then each contact's normal force between floor and ceiling, then each
 // component between its rate limits. Absent sides are infinite: their slack is infinite too, so
-// they fall out of every barrier by themselves.
+// they add nothing to a barrier.
 //
 // A row of W c = f with a softness F is kept as W c + F s = f, and the slack s, a block by itself,
 // costs ½ s²: that is ½ ((f − W c)/F)². Its column of W is F; of an exact row it is zero.
@@ -250,8 +250,8 @@ class Blocks {
         Tip& tip = part.tips[i];
         tip.reach = layout_.ceilings ? part.hi[others + i] : kInfinity;
         for (int r = 0; r < joints; ++r) {
-          const double lever = std::abs(part.a[r * part.q + tip.first]);
-          if (lever > 0) tip.reach = std::min(tip.reach, 2 * part.scale[r] / lever);
+          const double moment_arm = std::abs(part.a[r * part.q + tip.first]);
+          if (moment_arm > 0) tip.reach = std::min(tip.reach, 2 * part.scale[r] / moment_arm);
         }
         if (tip.reach < kInfinity) known = std::max(known, tip.reach);
       }

@@ -1,4 +1,4 @@
-// What a solve or a tick may cost, and what it has cost so far.
+// The limits of a solve or a tick on steps and time, and what is used of them.
 #pragma once
 
 #include <chrono>
@@ -22,8 +22,8 @@ class Budget {
     microseconds_ = settings.budget_us;
   }
 
-  // Takes one more step out of the budget; false when there is none left. The first is free: it
-  // is what a tick is for.
+  // Takes one more step out of the budget; false when there is none left. The first is
+  // always granted.
   bool take() {
     if (spent() && steps_ > 0) return false;
     ++steps_;

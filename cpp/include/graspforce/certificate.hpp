@@ -27,7 +27,7 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
     size += std::abs(value);
   };
   for (int r = 0; r < k; ++r) {
-    if (layout.soft_wrench && p.f_soft[r] > 0 && y[r] != 0) return false;  // asks for nothing
+    if (layout.soft_wrench && p.f_soft[r] > 0 && y[r] != 0) return false;  // excludes no c
     add(y[r] * p.f[r]);
   }
   for (int j = 0; j < joints; ++j) {
@@ -56,9 +56,9 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
         slop[c] += unit * std::abs(value);
       };
       for (int j = 0; j < joints; ++j) {
-        const double lever = p.J[entry_at(start + c, j, joints)];
-        term(lever * z_hi[j]);
-        term(-lever * z_lo[j]);
+        const double moment_arm = p.J[entry_at(start + c, j, joints)];
+        term(moment_arm * z_hi[j]);
+        term(-moment_arm * z_lo[j]);
       }
       if (c == 0 && layout.ceilings) term(z_max[i]);
       if (c == 0 && layout.floors) term(-z_min[i]);
@@ -66,7 +66,7 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
       for (int r = 0; r < rows; ++r) term(p.A[entry_at(r, start + c, m)] * z_A[r]);
       for (int r = 0; r < k; ++r) term(-p.W[entry_at(r, start + c, m)] * y[r]);
     }
-    // Not by squares, which vanish where the multipliers are small: a proof has no unit.
+    // Not by squares, which underflow for small multipliers: the check is scale-free.
     double tangent = 0, radius = 0;
     for (int c = 1; c < dim; ++c) {
       tangent = std::hypot(tangent, e[c] / cone.weight(c));

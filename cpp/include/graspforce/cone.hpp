@@ -40,11 +40,11 @@ inline double step_limit(const double* s, const double* d, int n) {
   // det(s + t d) = a t² + 2 b t + c with c > 0. Leaving the cone, or passing through its apex,
   // means that this vanishes: the limit is its smallest positive root.
   const double c = determinant(s, n), discriminant = b * b - a * c;
-  if (!(discriminant < kInfinity)) return 0;  // a step so long that its square is no number
+  if (!(discriminant < kInfinity)) return 0;  // the step's square overflows
   // Below zero only by rounding: b² ≥ a c for s inside the cone, b² = a c with one component.
   const double root = std::sqrt(std::max(0.0, discriminant));
   if (b < 0) return c / (root - b);            // right for a = 0 as well: c / (−2 b)
-  return a < 0 ? (b + root) / -a : kInfinity;  // b ≥ 0: only a downward parabola comes back
+  return a < 0 ? (b + root) / -a : kInfinity;  // b ≥ 0: only a downward parabola has a root t > 0
 }
 
 // The multiplier of s on the central path, z = −weight·∇(−ln det s).

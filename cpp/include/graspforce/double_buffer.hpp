@@ -1,8 +1,8 @@
 // The numbers of the last tick and of the next, and what differs between them.
 //
 // A large J is nearly all zeros: a finger's joints move its own contacts. Once that pattern is
-// known, a tick reads every entry once, to see that those outside it are still zero, and copies and
-// compares only those inside.
+// known, a tick reads every entry once, to check that those outside it are still zero, and copies
+// and compares only those inside.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +17,7 @@
 
 namespace graspforce {
 
-// The numbers of one tick's problem, packed; whoever keeps them keeps them unchanged.
+// The numbers of one tick's problem, packed; unchanged while a reference is kept.
 using Snapshot = std::shared_ptr<const std::vector<double>>;
 
 class DoubleBuffer {

@@ -1,5 +1,5 @@
-// The answer for a grasp that every contact has left: nothing can be asked of it but what no
-// contact touches.
+// The answer for a grasp without contacts: solvable only where the exact rows of W c = f and every
+// limit hold at c = 0.
 #pragma once
 
 #include <algorithm>

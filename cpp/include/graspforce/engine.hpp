@@ -1,8 +1,8 @@
 // A solver for one layout: a cold solve, and a servo tick from the ticks before.
 //
-// The constructor makes room for whatever a problem of the layout can need: every contact in the
-// grasp and all of them tied together by joints or inequalities. After it neither solve nor tick
-// allocates. Nothing here throws or prints.
+// The constructor allocates for the largest problem of the layout: every contact in the grasp, all
+// of them coupled by joints or inequalities. After it neither solve nor tick allocates. No function
+// throws or prints.
 #pragma once
 
 #include "graspforce/answer.hpp"
@@ -42,7 +42,7 @@ class Engine {
   const double* certificate_z() const { return answer_.z.data(); }
   std::size_t limits() const { return answer_.z.size(); }
 
-  // Solves from `start` (m forces) where it is inside the limits, else from nothing. Where rates
+  // Solves from `start` (m forces) where it is inside the limits, else cold. Where rates
   // are limited the last forces are the start that there is.
   const Result& solve(const double* packed, const Settings& settings,
                       const double* start = nullptr) {
@@ -83,7 +83,7 @@ class Engine {
     return answer_.result;
   }
 
-  // Forgets the optima of the ticks before.
+  // Discards the optima of the ticks before.
   void reset() { history_.clear(); }
 
  private:
@@ -157,7 +157,7 @@ class Engine {
   }
 
   // Newton's method where the barrier stands (at a step of decrement lambda), else from pure
-  // pushes, else the primal–dual method: the quickest first, the surest last.
+  // pushes, else the primal–dual method: in the order of speed, the most robust last.
   template <class AnyBarrier>
   void run(AnyBarrier& barrier, const Problem& problem, double lambda, double tol, Budget& budget) {
     answer_.wrench_error = kInfinity;
@@ -185,7 +185,7 @@ class Engine {
   RankExamination rank_;
   History history_;
   Answer answer_;
-  unsigned pending_changes_ = kChangedAll;  // what the next tick has to load whatever it is told
+  unsigned pending_changes_ = kChangedAll;  // where nonzero, the next tick's in place of `changed`
 };
 
 }  // namespace graspforce

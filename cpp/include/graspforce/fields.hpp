@@ -1,5 +1,5 @@
-// The fields of a problem, said once: offsets, views, slots, defaults, the values that each may
-// have and what a change of it means all follow from this list.
+// The single list of a problem's fields: offsets, views, slots, defaults, the values that each may
+// have and what a change of it means follow from it.
 //
 // A new field is a line here, where the buffer's order puts it; its mathematics goes into
 // blocks.hpp and lane_group.hpp. The same list in Python is graspforce.problem.FIELDS, in the same

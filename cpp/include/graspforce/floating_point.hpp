@@ -1,4 +1,4 @@
-// The floating-point environment that the core computes in, whatever the caller's is.
+// The floating-point environment of the core, independent of the caller's.
 //
 // Infinite slacks and decrements are part of the method, and so are divisions that make them: a
 // caller who has floating-point traps on would be killed by SIGFPE. Another rounding mode, or

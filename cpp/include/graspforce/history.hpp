@@ -10,8 +10,8 @@
 
 namespace graspforce {
 
-// Share of its reach with which a contact starts that nothing is known of; the more the limits
-// weigh, the smaller the forces that balance them.
+// Share of its reach with which a contact without history starts; the more the limits weigh, the
+// smaller the forces that balance them.
 inline double initial_push(const Problem& problem) { return 1 / std::sqrt(4 + 3 * *problem.alpha); }
 
 class History {

@@ -54,7 +54,7 @@ struct LaneGroup {
   bool contiguous = false;
   int stride = 0;
   Lanes has_friction = {};  // 1 for contacts with friction
-  Lanes has_torsion = {};   // 1 for has_torsion fingers
+  Lanes has_torsion = {};   // 1 for soft fingers
   Lanes mu = splat(1), torsion = splat(1);
   Lanes floor = splat(-kInfinity), ceiling = splat(kInfinity);
   Lanes rate_lo[Q] = {}, rate_hi[Q] = {};  // with rate limits
@@ -524,8 +524,8 @@ struct LaneGroup {
   Lanes reach() const {
     Lanes least = ceiling;
     for (const Row& row : rows) {
-      const Lanes lever = abs(row.a[0]), range = row.hi - row.lo;
-      least = lever > 0 ? min(least, range / lever) : least;
+      const Lanes moment_arm = abs(row.a[0]), range = row.hi - row.lo;
+      least = moment_arm > 0 ? min(least, range / moment_arm) : least;
     }
     return least;
   }

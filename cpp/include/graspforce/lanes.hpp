@@ -15,7 +15,7 @@
 
 // The kernels of a tick become one piece of code, so that what they hand on stays in registers.
 #define GRASPFORCE_INLINE __attribute__((always_inline)) inline
-// What a usual tick does not need stays out of that piece.
+// For code that most ticks do not run.
 #define GRASPFORCE_APART __attribute__((noinline))
 
 namespace graspforce {

@@ -1,7 +1,7 @@
 // The shape of a force distribution problem and where its numbers stand in one flat buffer.
 //
-// The order of the fields is that of graspforce.problem.Layout in Python: whoever holds a packed
-// buffer holds a whole problem, and taking a snapshot of it is one copy.
+// The order of the fields is that of graspforce.problem.Layout in Python: a packed buffer is a
+// whole problem, and a snapshot of it is one copy.
 #pragma once
 
 #include <cstddef>
@@ -73,7 +73,7 @@ inline int limit_count(const Layout& layout) {
          2 * layout.components() * int(layout.rate_limits);
 }
 
-// Rows lo ≤ a·c ≤ hi of all blocks together, whatever the blocks.
+// Rows lo ≤ a·c ≤ hi of all blocks together, for any partition.
 inline std::size_t most_rows(const Layout& layout) {
   return layout.joints + layout.inequalities + layout.contacts() +
          (layout.rate_limits ? layout.components() : 0);

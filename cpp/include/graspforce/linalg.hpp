@@ -19,7 +19,8 @@ inline double dot(const double* a, const double* b, int n) {
 
 // Factors the lower triangle of the n×n matrix `a` in place, a = L Lᵀ, and returns the smallest
 // pivot relative to its diagonal entry before elimination: how far the matrix is from singular,
-// whatever the scaling of its rows. A pivot lost to rounding is replaced by a tiny positive one.
+// independent of the scaling of its rows. A pivot lost to rounding is replaced by a tiny positive
+// one.
 inline double cholesky(double* a, int n) {
   double smallest = 1;
   for (int i = 0; i < n; ++i) {
@@ -81,7 +82,7 @@ inline void reflect(double* a, int rows, int n, int columns, double* beta, doubl
     std::copy(head + j + 1, head + columns, row + j + 1);
     for (int i = j + 1; i < rows; ++i) {
       double* other = a + i * columns;
-      if (other[j] == 0) continue;  // many are: a contact's cone knows nothing of the others
+      if (other[j] == 0) continue;  // many are: a contact's cone is independent of the others
       other[j] *= inverse;
       for (int c = j + 1; c < columns; ++c) row[c] += other[j] * other[c];
     }

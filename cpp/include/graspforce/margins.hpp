@@ -1,5 +1,5 @@
 // How far forces are from slipping and from their limits, recomputed from a problem's data alone:
-// what a controller looks at before it trusts an answer that is not SOLVED.
+// what a controller checks before it uses an answer that is not SOLVED.
 #pragma once
 
 #include <algorithm>

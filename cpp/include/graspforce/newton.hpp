@@ -1,4 +1,4 @@
-// Newton's method on Phi (Section III-C.4): the loop that the whole library turns around.
+// Newton's method on Phi (Section III-C.4): the main loop of the solver.
 #pragma once
 
 #include <algorithm>

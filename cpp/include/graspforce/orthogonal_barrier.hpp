@@ -63,8 +63,8 @@ class OrthogonalBarrier : public BlockPoint {
   }
 
   // Newton step d from the evaluated point, with the multipliers ν; returns the decrement λ. A
-  // wrench that is missing by no more than rounding is left alone: in a direction that the contacts
-  // hardly reach it would take forces of any size.
+  // wrench error within rounding is not corrected: where W is nearly singular that would take
+  // unbounded forces.
   double newton() {
     missing_wrench(missing_.data());
     if (wrench_error() < kRounding) std::fill(missing_.begin(), missing_.end(), 0.0);

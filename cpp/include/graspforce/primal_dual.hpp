@@ -1,4 +1,4 @@
-// The primal–dual method: for the problems on which Newton's method on Phi alone is lost or slow.
+// The primal–dual method: for the problems on which Newton's method on Phi alone fails or is slow.
 //
 // Next to the point c it carries multipliers z of the limits and y of W c = f, and aims at slacks
 // s with s·z = w, a limit's weight in Phi (det-wise for the cones). Its step is Newton's with z/s
@@ -86,7 +86,7 @@ class PrimalDual : public BlockPoint {
       direction(centering * mu);
       const double step = std::min(1.0, 0.99 * step_limit());
       if (!std::isfinite(dsigma_) || step < kLeastStep || !advance(step)) {
-        // Rounding has the upper hand.
+        // Rounding dominates.
         result.end = proved  ? PhaseOneResult::End::Infeasible
                      : first ? PhaseOneResult::End::Overflow
                              : PhaseOneResult::End::Closest;

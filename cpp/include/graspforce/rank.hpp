@@ -2,7 +2,7 @@
 //
 // Two point contacts, planar grasps and parallel frictionless fingers have a W of lower rank.
 // Newton's method then works on an independent set of rows. The rest of f is either implied by
-// those rows or out of reach for these contacts, whatever their forces.
+// those rows or unreachable by any forces of these contacts.
 #pragma once
 
 #include <algorithm>

@@ -1,4 +1,4 @@
-// The forces of a grasp, tick after tick: what a controller includes.
+// The forces of a grasp, tick after tick: the header for controllers.
 //
 // A Servo is a problem's fields by name, written in place, and `tick()`. All memory is made by the
 // constructor; after it nothing allocates, locks, throws, prints or calls the system. (A limit on
@@ -36,7 +36,7 @@ class Servo : public ProblemData {
     return refuses() ? Status::InvalidNumbers : solve_staged().status;
   }
 
-  // Forgets the past optima: the next tick starts cold.
+  // Discards the past optima: the next tick starts cold.
   void reset() { engine_.reset(); }
 
   const Layout& layout() const { return engine_.layout(); }

@@ -35,7 +35,7 @@ class Pattern {
     ones_.clear();
     inside_.clear();
     const int count = rows * columns;
-    sparse_ = count >= kWorthALook;
+    sparse_ = count >= kMinEntries;
     for (int at = 0, end; at < count; at = end + 1) {
       for (end = at; end < count && outside(end / columns, end % columns);) ++end;
       for (int i = at; end - at < 4 && i < end; ++i) ones_.push_back(i);
@@ -49,7 +49,7 @@ class Pattern {
     while (fours_.size() % kAtOnce != 0) fours_.push_back(fours_.back());
   }
 
-  // Whether the list of the entries inside is there, and worth the trouble.
+  // Whether there is a list of the entries inside, short enough to save time.
   bool sparse() const { return sparse_; }
 
   // Of a sparse matrix: copies the entries inside; false unless all of them are finite.
@@ -93,7 +93,7 @@ class Pattern {
  private:
   static constexpr int kAtOnce = 4;         // windows that are looked at side by side
   static constexpr int kSparse = 4;         // entries for each inside, at least
-  static constexpr int kWorthALook = 1024;  // entries from which on a copy of all takes longer
+  static constexpr int kMinEntries = 1024;  // entries from which on a copy of all takes longer
 
   std::vector<int> fours_, ones_, inside_;
   bool sparse_ = false;

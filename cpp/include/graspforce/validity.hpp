@@ -1,5 +1,5 @@
-// What has changed in a stream's numbers, and whether they make a problem at all: what has to be
-// known before a tick, since the engine takes what it gets.
+// What has changed in a stream's numbers, and whether they are valid: both are found
+// before a tick, as the engine does not check its input.
 #pragma once
 
 #include <cmath>

@@ -33,7 +33,7 @@ class WrenchSystem {
     for (int r = 0; r < kWrench; ++r) diagonal_[r][r % kLanes] = D[r];
   }
 
-  // Takes the sums over the lanes and solves for x. False when a pivot is next to nothing beside
+  // Takes the sums over the lanes and solves for x. False when a pivot is negligible beside
   // its diagonal entry: W may have dependent rows.
   GRASPFORCE_INLINE bool solve(const WrenchSums& s, double* x) {
     Lanes upper[kWrench] = {}, lower[kWrench];  // the last two have no upper rows

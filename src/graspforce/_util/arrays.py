@@ -214,7 +214,7 @@ def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
     return content.getvalue()
 
 
-def signless(array: Array) -> bytes:
+def hash_bytes(array: Array) -> bytes:
     """Return an array's bytes with −0 as 0: equal arrays give equal bytes, for hashing."""
     return (array + 0.0).tobytes()
 

@@ -4,7 +4,7 @@ One file a method, each with ``solve(problem, …) -> Solution``: the same statu
 margins as :func:`graspforce.solve`. ``newton_steps`` counts the iterations of the method, and
 ``nu`` belongs to its own objective. A method whose optimum lies on the boundary (a linear
 objective without barrier, say) returns forces with margins of zero to its precision, for which
-``Solution.verify()`` says so.
+``Solution.verify()`` is not ok.
 
 Methods by a foreign solver also have ``Prepared(problem, …)``, whose ``solve(problem)`` keeps the
 solver's workspace over a stream of problems.

@@ -1,4 +1,4 @@
-"""What every method sees of a problem: the contacts that are in the grasp, and what it hands back.
+"""The input and output of every method: the contacts in the grasp, and the Solution made of c.
 
 A removed contact leaves with its cone, its limits and its columns of W; its force is zero in the
 answer. A wrench outside the range of W is the same verdict for every method.
@@ -87,13 +87,13 @@ def as_steps(max_steps: int) -> int:
 
 
 def run(problem: ForceProblem, method: Callable[[Active], Solution]) -> Solution:
-    """Run a method where one is needed, and turn an overflow into its status.
+    """Return a method's solution, or the verdict that needs no method; overflow is a status.
 
     No method is needed for a wrench outside the range of W, nor when no contact is left.
     """
-    known = trivial_verdict(problem)
-    if known is not None:
-        return known
+    trivial = trivial_verdict(problem)
+    if trivial is not None:
+        return trivial
     if not equations.wrench_reachable(problem.restricted().W, problem.f):
         return empty_solution(problem, Status.WRENCH_UNREACHABLE)
     with np.errstate(all="ignore"):
@@ -131,10 +131,10 @@ def empty_solution(problem: ForceProblem, status: Status) -> Solution:
 def solution_from_gradient(
     view: Active, status: Status, steps: int, c: Array, gradient: Array
 ) -> Solution:
-    """Wrap what a method found; INVALID_NUMBERS where a number is not finite.
+    """Return a method's result as a Solution; INVALID_NUMBERS where a number is not finite.
 
     Args:
-        view: what it worked on.
+        view: the problem that it solved.
         status: its verdict.
         steps: iterations of the method.
         c: contact forces, shape (m,).

@@ -8,7 +8,7 @@ import clarabel  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 
 from graspforce._engine.outcome import Status
-from graspforce.baselines._conic import Answer, Pattern, Program, diagonal
+from graspforce.baselines._conic import ConicResult, Pattern, Program, diagonal
 
 _STATUS = {"Solved": Status.SOLVED, "DualInfeasible": Status.UNBOUNDED,
            "MaxIterations": Status.MAX_STEPS}  # fmt: skip
@@ -39,8 +39,8 @@ class Workspace:
         """Take the numbers of the next program."""
         self._solver.update(q=program.q, A=self._pattern.values(program.A), b=program.b)
 
-    def solve(self) -> Answer:
+    def solve(self) -> ConicResult:
         """Solve the program."""
-        found = self._solver.solve()
-        status = _STATUS.get(str(found.status), Status.STALLED)
-        return Answer(status, int(found.iterations), np.array(found.x), np.array(found.z))
+        result = self._solver.solve()
+        status = _STATUS.get(str(result.status), Status.STALLED)
+        return ConicResult(status, int(result.iterations), np.array(result.x), np.array(result.z))

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active
-from graspforce.baselines._stream import Found, Stream
+from graspforce.baselines._stream import SolverResult, Stream
 from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.problem import ForceProblem
 
 
 class Shape(NamedTuple):
-    """How many variables and which cones; exponential ones are Clarabel's alone here."""
+    """How many variables and which cones; only Clarabel takes exponential ones."""
 
     variables: int
     zeros: int
@@ -61,22 +61,22 @@ class Pattern:
     """The entries of A that a solver stores, column by column.
 
     Args:
-        there: shape (M, N), where an entry may be other than zero.
+        mask: shape (M, N), true where an entry may be nonzero.
     """
 
-    def __init__(self, there: NDArray[np.bool_]) -> None:
-        columns, rows = np.nonzero(there.T)
-        self.there = there
+    def __init__(self, mask: NDArray[np.bool_]) -> None:
+        columns, rows = np.nonzero(mask.T)
+        self.mask = mask
         # Solvers take whole numbers of this width.
         self.indices = rows.astype(np.int32)
-        self.pointers = np.append(0, np.count_nonzero(there, axis=0).cumsum()).astype(np.int32)
-        self._flat = rows * there.shape[1] + columns
+        self.pointers = np.append(0, np.count_nonzero(mask, axis=0).cumsum()).astype(np.int32)
+        self._flat = rows * mask.shape[1] + columns
 
     def values(self, A: Array) -> Array:
         """Return the entries of a matrix, column by column."""
         return A.ravel()[self._flat]
 
-    def holds(self, A: Array) -> bool:
+    def contains(self, A: Array) -> bool:
         """Whether a matrix has no entry elsewhere."""
         return np.count_nonzero(A) == np.count_nonzero(self.values(A))
 
@@ -89,12 +89,12 @@ class Pattern:
 
 def diagonal(P: Array) -> Any:
     """Return diag(P) as SciPy's array of compressed columns, without its zeros."""
-    square = np.diag(P)
-    return Pattern(square != 0).sparse(square)
+    matrix = np.diag(P)
+    return Pattern(matrix != 0).sparse(matrix)
 
 
-class Answer(NamedTuple):
-    """What a solver returns: status as in ``Found``, iterations, x and the multipliers z."""
+class ConicResult(NamedTuple):
+    """A solver's result: status as in ``SolverResult``, iterations, x and the multipliers z."""
 
     status: Status
     steps: int
@@ -118,7 +118,7 @@ class Workspace(Protocol):
         """Take the numbers of the next program, of the same shape and pattern."""
         ...
 
-    def solve(self) -> Answer:
+    def solve(self) -> ConicResult:
         """Solve the program."""
         ...
 
@@ -161,7 +161,7 @@ class Conic(Stream):
     degree: int = 0
 
     def __init__(self, problem: ForceProblem, solver: str, tol: float, max_steps: int) -> None:
-        self._make, self._tol, self._max_steps = load(solver), tol, max_steps
+        self._workspace_type, self._tol, self._max_steps = load(solver), tol, max_steps
         self._shape: Shape | None = None
         super().__init__(problem)
 
@@ -176,19 +176,19 @@ class Conic(Stream):
 
     def _load(self, view: Active, unit: float) -> None:
         program = self.program(view, unit)
-        there = program.A != 0
-        if self._shape == program.shape and self._pattern.holds(program.A):
+        mask = program.A != 0
+        if self._shape == program.shape and self._pattern.contains(program.A):
             self._workspace.update(program)
             return
         if self._shape == program.shape:
-            there |= self._pattern.there
-        pattern = Pattern(there)
-        self._workspace = self._make(program, pattern, self._tol, self._max_steps)
+            mask |= self._pattern.mask
+        pattern = Pattern(mask)
+        self._workspace = self._workspace_type(program, pattern, self._tol, self._max_steps)
         self._shape, self._pattern = program.shape, pattern
 
-    def _run(self, view: Active, unit: float) -> Found:
-        answer = self._workspace.solve()
+    def _run(self, view: Active, unit: float) -> SolverResult:
+        result = self._workspace.solve()
         k, m = view.W.shape
         # Row for row, W c = f has the multiplier −nu.
-        nu = -answer.z[:k] * unit ** (self.degree - 1)
-        return Found(answer.status, answer.steps, answer.x[:m] * unit, nu)
+        nu = -result.z[:k] * unit ** (self.degree - 1)
+        return SolverResult(result.status, result.steps, result.x[:m] * unit, nu)

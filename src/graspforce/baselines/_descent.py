@@ -31,7 +31,7 @@ def descend(
     tol: float,
     max_steps: int,
     start: ArrayLike | None,
-    judge_every: int,
+    decrement_every: int,
 ) -> Solution:
     """Minimise the SDP objective by steps along a direction of descent.
 
@@ -42,7 +42,7 @@ def descend(
         tol: bound on the Newton decrement's half square of the objective / barrier at return.
         max_steps: the most steps after the start is found.
         start: contact forces to start from, shape (m,); one outside the limits is ignored.
-        judge_every: steps between two looks at the decrement, which costs the Hessian.
+        decrement_every: steps between two evaluations of the decrement, which cost the Hessian.
 
     Raises:
         InvalidInputError: an option out of range, a start of the wrong shape.
@@ -70,7 +70,10 @@ def descend(
         while True:
             point = lmi.at(x)
             gradient = effort + barrier * point.gradient
-            if steps % judge_every == 0 and half_square_decrement(point, gradient / barrier) <= tol:
+            if (
+                steps % decrement_every == 0
+                and half_square_decrement(point, gradient / barrier) <= tol
+            ):
                 status = Status.SOLVED
                 break
             if steps == last:

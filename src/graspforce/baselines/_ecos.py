@@ -9,7 +9,7 @@ import numpy as np
 
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
-from graspforce.baselines._conic import Answer, Pattern, Program
+from graspforce.baselines._conic import ConicResult, Pattern, Program
 
 _STATUS = {0: Status.SOLVED, 2: Status.UNBOUNDED, -1: Status.MAX_STEPS}
 
@@ -48,14 +48,14 @@ class Workspace:
         self._size = program.shape.variables, len(program.b)
         self._data = c, _columns(G), h, self._cones, _columns(A), program.b[:k]
 
-    def solve(self) -> Answer:
+    def solve(self) -> ConicResult:
         """Solve the program."""
         library: Any = ecos
-        found = library.solve(*self._data, **self._settings)
+        result = library.solve(*self._data, **self._settings)
         n, rows = self._size
-        status = _STATUS.get(found["info"]["exitFlag"], Status.STALLED)
-        z = np.concatenate((found["y"], found["z"]))[:rows]
-        return Answer(status, int(found["info"]["iter"]), np.array(found["x"])[:n], z)
+        status = _STATUS.get(result["info"]["exitFlag"], Status.STALLED)
+        z = np.concatenate((result["y"], result["z"]))[:rows]
+        return ConicResult(status, int(result["info"]["iter"]), np.array(result["x"])[:n], z)
 
 
 def _columns(A: Array) -> Any:

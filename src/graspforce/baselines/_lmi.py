@@ -73,9 +73,9 @@ class Lmi:
         for size in sorted(set(dims.tolist())):
             members = np.flatnonzero(dims == size)
             F = np.zeros((m, len(members), size, size))
-            for place, i in enumerate(members):
+            for position, i in enumerate(members):
                 start = view.starts[i]
-                F[start : start + size, place] = friction_matrices(view.models[i])
+                F[start : start + size, position] = friction_matrices(view.models[i])
             parts.append(Blocks(members, np.zeros(F.shape[1:]), F))
         rows = np.arange(len(view.b))
         parts.append(Blocks(rows, view.b[:, None, None], -view.A.T[:, :, None, None]))
@@ -134,7 +134,7 @@ class Lmi:
 
 
 class Point:
-    """P(x) at one x by its eigenvalues, and what the barrier −ln det P is there."""
+    """P(x) at one x by its eigenvalues, with the barrier −ln det P there."""
 
     __slots__ = ("_inverse", "_values", "_vectors", "lmi", "x")
 
@@ -169,7 +169,7 @@ class Point:
     @property
     def metric_root(self) -> Array:
         """M of the barrier's Hessian M.T M, shape (·, q): columns of P^(−1/2) F_j P^(−1/2)."""
-        columns = [self._rolled(part.F, k) for k, part in enumerate(self.lmi.blocks)]
+        columns = [self._congruent(part.F, k) for k, part in enumerate(self.lmi.blocks)]
         return np.concatenate([each.reshape(len(each), -1) for each in columns], axis=1).T
 
     def spectrum(self, d: Array) -> Array:
@@ -179,11 +179,11 @@ class Point:
         """
         values: list[Array] = []
         for k, part in enumerate(self.lmi.blocks):
-            D = self._rolled(np.tensordot(d, part.F, 1), k)
+            D = self._congruent(np.tensordot(d, part.F, 1), k)
             values.append(np.asarray(np.linalg.eigvalsh(D), dtype=np.float64).ravel())
         return np.concatenate(values)
 
-    def _rolled(self, F: Array, k: int) -> Array:
+    def _congruent(self, F: Array, k: int) -> Array:
         """P^(−1/2) F P^(−1/2) for the blocks of part k, in the axes of P's eigenvectors."""
         root = self._vectors[k] / np.sqrt(self._values[k])[:, None, :]
         return root.swapaxes(1, 2) @ F @ root
@@ -192,7 +192,8 @@ class Point:
         """Return Z = P⁻¹ − P⁻¹ D P⁻¹ of each part of the blocks, shapes (g, p, p).
 
         Where d is the Newton step of w·x − ln det P, tr(Z F_j) = w_j to rounding; and Z ≻ 0
-        where ‖d‖ < 1 in the metric. So Z is dual feasible: the germ of a proof.
+        where ‖d‖ < 1 in the metric. So Z is dual feasible, and a certificate
+        where its gap is positive.
         """
         return [
             inverse - inverse @ np.tensordot(d, part.F, 1) @ inverse
@@ -204,7 +205,7 @@ def dikin_direction(point: Point, gradient: Array) -> Array:
     """Return the steepest descent in the metric of Dikin's ellipsoid, −metric⁻¹ gradient."""
     M = point.metric_root
     scale = 1 / np.linalg.norm(M, axis=0)
-    # The metric itself is never formed: its root has all the digits.
+    # QR of the root: forming the metric would square its condition number.
     R = np.asarray(np.linalg.qr(M * scale)[1], dtype=np.float64)
     inner = np.asarray(np.linalg.solve(R.T, scale * gradient), dtype=np.float64)
     return np.asarray(-scale * np.linalg.solve(R, inner), dtype=np.float64)
@@ -236,13 +237,13 @@ def line_search(spectrum: Array, slope: float, weight: float) -> float:
     high = 1 / steepest if steepest > 0 else 1e12
     low, t = 0.0, min(1.0, high / 2)
     for _ in range(60):
-        share = spectrum / (1 + t * spectrum)
-        derivative = slope - weight * float(share.sum())
+        ratio = spectrum / (1 + t * spectrum)
+        derivative = slope - weight * float(ratio.sum())
         if derivative < 0:
             low = t
         else:
             high = t
-        curvature = weight * float(share @ share)
+        curvature = weight * float(ratio @ ratio)
         if curvature == 0:  # the direction is zero, and every t the same
             break
         step = derivative / curvature

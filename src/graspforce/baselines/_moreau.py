@@ -8,7 +8,7 @@ import moreau  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from graspforce._engine.outcome import Status
-from graspforce.baselines._conic import Answer, Pattern, Program
+from graspforce.baselines._conic import ConicResult, Pattern, Program
 
 _STATUS = {"Solved": Status.SOLVED, "DualInfeasible": Status.UNBOUNDED,
            "MaxIterations": Status.MAX_STEPS}  # fmt: skip
@@ -21,7 +21,7 @@ class Workspace:
         library: Any = moreau
         shape = program.shape
         squares = np.flatnonzero(program.P)
-        self._by_row = Pattern(pattern.there.T)
+        self._by_row = Pattern(pattern.mask.T)
         self._squares = program.P[squares]
         precision = library.IPMSettings(tol_gap_abs=tol, tol_gap_rel=tol, tol_feas=tol)
         self._solver = library.CompiledSolver(
@@ -45,8 +45,10 @@ class Workspace:
         self._solver.setup(self._squares[None], values[None])
         self._vectors = program.q[None], program.b[None]
 
-    def solve(self) -> Answer:
+    def solve(self) -> ConicResult:
         """Solve the program."""
-        found, info = self._solver.solve(*self._vectors), self._solver.info
+        result, info = self._solver.solve(*self._vectors), self._solver.info
         status = _STATUS.get(info.status[0].name, Status.STALLED)
-        return Answer(status, int(info.iterations[0]), np.array(found.x[0]), np.array(found.z[0]))
+        return ConicResult(
+            status, int(info.iterations[0]), np.array(result.x[0]), np.array(result.z[0])
+        )

@@ -1,8 +1,8 @@
-"""Friction cones as pyramids of flat facets, for the methods that know linear constraints only.
+"""Friction cones as pyramids of flat facets, for the methods with linear constraints only.
 
-An *inner* pyramid is inscribed in the true cone: its forces hold, but it gives friction away, the
-part 1 − cos(pi/facets) of it between two edges. An *outer* one is circumscribed: it misses
-no force, and those along its edges slip.
+An *inner* pyramid is inscribed in the true cone: its forces are in the cone, but between two edges
+it leaves out 1 − cos(pi/facets) of the friction. An *outer* one is circumscribed: it contains the
+cone, and its forces along the edges slip.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Cones: TypeAlias = Literal["inner", "outer"]
 
 @dataclass(frozen=True, slots=True)
 class Pyramids:
-    """What every cone is replaced by.
+    """The pyramids in place of the cones.
 
     Attributes:
         facets: of a cone with two tangents; a soft finger's has as many around and half of them

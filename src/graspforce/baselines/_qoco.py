@@ -9,7 +9,7 @@ import qoco  # pyright: ignore[reportMissingTypeStubs]
 
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
-from graspforce.baselines._conic import Answer, Pattern, Program, diagonal
+from graspforce.baselines._conic import ConicResult, Pattern, Program, diagonal
 
 _STATUS = {"QOCO_SOLVED": Status.SOLVED, "QOCO_MAX_ITER": Status.MAX_STEPS}
 
@@ -20,7 +20,7 @@ class Workspace:
     def __init__(self, program: Program, pattern: Pattern, tol: float, max_steps: int) -> None:
         k, shape = program.shape.zeros, program.shape
         self._zeros = k
-        self._equations, self._others = Pattern(pattern.there[:k]), Pattern(pattern.there[k:])
+        self._equations, self._others = Pattern(pattern.mask[:k]), Pattern(pattern.mask[k:])
         self._solver: Any = qoco.QOCO()
         self._solver.setup(
             shape.variables, len(program.b) - k, k,
@@ -40,9 +40,9 @@ class Workspace:
             A=self._equations.values(program.A[:k]), G=self._others.values(program.A[k:])
         )
 
-    def solve(self) -> Answer:
+    def solve(self) -> ConicResult:
         """Solve the program."""
-        found = self._solver.solve()
-        status = _STATUS.get(found.status, Status.STALLED)
-        z: Array = np.concatenate((found.y, found.z))
-        return Answer(status, int(found.iters), np.array(found.x), z)
+        result = self._solver.solve()
+        status = _STATUS.get(result.status, Status.STALLED)
+        z: Array = np.concatenate((result.y, result.z))
+        return ConicResult(status, int(result.iters), np.array(result.x), z)

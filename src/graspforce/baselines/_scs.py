@@ -8,7 +8,7 @@ import numpy as np
 import scs  # pyright: ignore[reportMissingTypeStubs]
 
 from graspforce._engine.outcome import Status
-from graspforce.baselines._conic import Answer, Pattern, Program, diagonal
+from graspforce.baselines._conic import ConicResult, Pattern, Program, diagonal
 
 _STATUS = {"solved": Status.SOLVED, "unbounded": Status.UNBOUNDED}
 
@@ -35,16 +35,16 @@ class Workspace:
                 "c": program.q}  # fmt: skip
         self._solver = library.SCS(data, self._cones, **self._settings)
 
-    def solve(self) -> Answer:
+    def solve(self) -> ConicResult:
         """Solve the program."""
         last = self._last
         if last is None:
-            found = self._solver.solve(warm_start=False)
+            result = self._solver.solve(warm_start=False)
         else:
-            found = self._solver.solve(warm_start=True, x=last["x"], y=last["y"], s=last["s"])
-        word, steps = found["info"]["status"], int(found["info"]["iter"])
-        status = _STATUS.get(word, Status.STALLED)
-        if "inaccurate" in word:
+            result = self._solver.solve(warm_start=True, x=last["x"], y=last["y"], s=last["s"])
+        status_text, steps = result["info"]["status"], int(result["info"]["iter"])
+        status = _STATUS.get(status_text, Status.STALLED)
+        if "inaccurate" in status_text:
             status = Status.MAX_STEPS
-        self._last = found if status is Status.SOLVED else None
-        return Answer(status, steps, np.array(found["x"]), np.array(found["y"]))
+        self._last = result if status is Status.SOLVED else None
+        return ConicResult(status, steps, np.array(result["x"]), np.array(result["y"]))

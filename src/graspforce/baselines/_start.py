@@ -1,11 +1,11 @@
-"""A start inside all cones and limits, or the proof that there is none.
+"""A start inside all cones and limits, or the certificate that there is none.
 
 The methods of Buss, Faybusovich and Moore need a strictly feasible start. The WBF paper says of
-[9] that it gets one by a gradient method, and no more. Here every block of P may give way by sigma
-times its unit, a problem that always has a start, and sigma is made small by steepest descent on
-weight·sigma − ln det P in the metric of Dikin's ellipsoid, for growing weights. As soon as all
-blocks are positive definite by themselves the start is found; where that cannot be, the
-multipliers of the last steps prove it, and sigma is the least violation.
+[9] only that it gets one by a gradient method. Here every block of P is relaxed by sigma times its
+unit, which always has a start, and sigma is reduced by steepest descent on
+weight·sigma − ln det P in the metric of Dikin's ellipsoid, for growing weights. The
+start is found when all blocks are positive definite without sigma; where none exists, the
+multipliers of the last steps are the certificate, and sigma is the least violation.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from graspforce.certificate import Certificate, check_certificate
 from graspforce.solution import Solution
 
 MAX_STEPS = 200
-# The weight of sigma at which rounding has the last word.
+# The weight of sigma beyond which rounding dominates.
 FINAL_WEIGHT = 1e13
 
 
@@ -37,7 +37,7 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
     c_p, N = equations.particular_and_nullspace(view.W, view.problem.f)
     in_c = Lmi.of(view)
     strict = in_c.substitute(c_p, N)
-    # Sigma is in units of the first violation, which an overload makes as large as one likes.
+    # Sigma is in units of the first violation, which grows without bound with an overload.
     size = max(1.0, view.violation(c_p))
     of_limits, of_cones = view.inner.violation_scales()
     relaxed = strict.widen(size * of_cones, size * of_limits)
@@ -51,7 +51,7 @@ def feasible_start(view: Active) -> tuple[Array, int] | Solution:
         gradient[-1] += weight
         try:
             d = dikin_direction(point, gradient)
-        except np.linalg.LinAlgError:  # rounding has the last word
+        except np.linalg.LinAlgError:  # the metric is singular to rounding
             status = Status.STALLED
             break
         decrement = math.sqrt(max(0.0, -float(gradient @ d)))

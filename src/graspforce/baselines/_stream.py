@@ -1,13 +1,13 @@
-"""A method by somebody else's solver, on one problem or on a stream of problems.
+"""A method by a foreign solver, on one problem or on a stream of problems.
 
-A solver has a workspace (factorisation pattern, memory, the last answer) that is worth keeping
-in a control loop. :class:`Stream` keeps it: the constructor sets it up for the first problem,
+A solver has a workspace (factorisation pattern, memory, the last answer) that saves time in a
+control loop. :class:`Stream` keeps it: the constructor sets it up for the first problem,
 and each ``solve`` passes new numbers where the problem is another one. The workspace is made anew
 only where the shape of the program changes, as when a contact leaves the grasp. Each method has a
 subclass ``Prepared``, and its ``solve(problem)`` is ``Prepared(problem).solve(problem)``.
 
-What the solver claims is judged here, the same for all: W c = f to the last digits, a wrench out of
-reach, a proof with every infeasibility.
+The solver's status is checked here, the same for all: W c = f to 1e-10, a wrench out of range, a
+certificate with every infeasibility.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 from graspforce.solution.verification import WRENCH_TOLERANCE
 
-# An answer whose wrench is further off than this, relative to the forces, is none.
+# A relative wrench error above this is not corrected: the solver has failed.
 LARGEST_CORRECTION = 1e-5
 
 
-class Found(NamedTuple):
-    """What a solver says.
+class SolverResult(NamedTuple):
+    """A solver's result, before it is checked.
 
     Attributes:
-        status: SOLVED, UNBOUNDED, MAX_STEPS, or STALLED for any other end, a claim of
-            infeasibility among them: that needs a proof.
+        status: SOLVED, UNBOUNDED, MAX_STEPS, or STALLED for any other end, also for
+            infeasibility, which is reported only with a certificate.
         steps: its iterations.
         c: contact forces, shape (m,); only a guess unless SOLVED.
         nu: multipliers of W c = f, shape (k,), for the method's objective.
@@ -55,28 +55,28 @@ class Stream(ABC):
     """
 
     def __init__(self, problem: ForceProblem) -> None:
-        self._take(problem)
+        self._load_problem(problem)
 
     def solve(self, problem: ForceProblem) -> Solution:
         """Solve the next problem; the one that this was made with is not passed again."""
         if problem is not self._problem:
-            self._take(problem)
+            self._load_problem(problem)
         view = self._view
         if view is None:
-            return self._known
+            return self._trivial
         with np.errstate(all="ignore"):
             try:
-                return _judged(view, self._run(view, self._unit))
+                return _checked_solution(view, self._run(view, self._unit))
             except np.linalg.LinAlgError:
                 return empty_solution(problem, Status.INVALID_NUMBERS)
 
-    def _take(self, problem: ForceProblem) -> None:
-        known = trivial_verdict(problem)
-        # Last of all, so that a problem which failed to load is not taken for a loaded one.
+    def _load_problem(self, problem: ForceProblem) -> None:
+        trivial = trivial_verdict(problem)
+        # Set last, so that a problem that failed to load does not count as loaded.
         self._problem: ForceProblem | None = None
-        self._view = Active.of(problem) if known is None else None
-        if known is not None:
-            self._known = known
+        self._view = Active.of(problem) if trivial is None else None
+        if trivial is not None:
+            self._trivial = trivial
         elif self._view is not None:
             # Solvers' tolerances are absolute, so forces are in units of the wrench's size.
             self._unit = float(np.abs(problem.f).max()) or 1.0
@@ -93,13 +93,13 @@ class Stream(ABC):
         """
 
     @abstractmethod
-    def _run(self, view: Active, unit: float) -> Found:
+    def _run(self, view: Active, unit: float) -> SolverResult:
         """Run the solver on what was loaded; forces and multipliers are back in SI units."""
 
 
-def _judged(view: Active, found: Found) -> Solution:
-    """Return the answer that the solver's words are worth."""
-    problem, c, status = view.problem, found.c, found.status
+def _checked_solution(view: Active, result: SolverResult) -> Solution:
+    """Return the solver's result as far as it passes the checks."""
+    problem, c, status = view.problem, result.c, result.status
     if status is Status.SOLVED:
         error = equations.relative_wrench_error(c, view.W, problem.f)
         if WRENCH_TOLERANCE / 10 < error <= LARGEST_CORRECTION:
@@ -107,10 +107,10 @@ def _judged(view: Active, found: Found) -> Solution:
             c = c + equations.least_squares(view.W, problem.f - view.W @ c)
             error = equations.relative_wrench_error(c, view.W, problem.f)
         if error <= WRENCH_TOLERANCE:
-            return make_solution(view, status, found.steps, c, found.nu)
+            return make_solution(view, status, result.steps, c, result.nu)
         status = Status.STALLED
     if not equations.wrench_reachable(view.W, problem.f):
         return empty_solution(problem, Status.WRENCH_UNREACHABLE)
     if status is Status.UNBOUNDED:
         return empty_solution(problem, status)
-    return infeasible_or(view, make_solution(view, status, found.steps, c, found.nu))
+    return infeasible_or(view, make_solution(view, status, result.steps, c, result.nu))

@@ -2,11 +2,11 @@
 
     minimise  Σ normal forces   with W c = f, A c ≤ b and linearised friction cones
 
-The equations leave first: Gauss–Jordan elimination turns W c = f into a reduced echelon form, in
-which the basic components of c follow from the others, x ∈ R^p with p = m − rank W (6 for the
-paper's four fingers). What remains is min g·x with G x ≤ h, far more rows than unknowns, and its
-dual, min h·y with G.T y = −g and y ≥ 0, has only p equations: a simplex step on it factorises one
-p×p matrix, however many facets and limits there are. The simplex multipliers are x.
+The equations are eliminated first: Gauss–Jordan elimination turns W c = f into a reduced echelon
+form, in which the basic components of c follow from the others, x ∈ R^p with p = m − rank W (6 for
+the paper's four fingers). What remains is min g·x with G x ≤ h, far more rows than unknowns, and
+its dual, min h·y with G.T y = −g and y ≥ 0, has only p equations: a simplex step on it factorises
+one p×p matrix, however many facets and limits there are. The simplex multipliers are x.
 
 The WBF paper says of [3] only that it solves linear programs like that of [2] by a compact dual
 method; the elimination by the echelon form and the dual are in the abstract of [3]. Chosen here:
@@ -72,7 +72,7 @@ def _solve(view: Active, pyramids: Pyramids, max_steps: int) -> Solution:
     bounds = np.concatenate((view.b, np.zeros(len(rows) - len(view.b))))
     c_p, N = eliminate(view.W, view.problem.f)
     G, h, g = rows @ N, bounds - rows @ c_p, N.T @ view.normals
-    # Rows that the wrench alone decides have nothing for a basis; the others get length 1.
+    # Rows that are zero on the null space are fixed by the wrench; the others get length 1.
     length = np.linalg.norm(G, axis=1)
     fixed = length <= ZERO * np.linalg.norm(rows, axis=1)
     open_rows = np.flatnonzero(~fixed)
@@ -126,8 +126,8 @@ def eliminate(W: Array, f: Array) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, slots=True)
-class Vertex:
-    """Where the simplex method ended.
+class SimplexResult:
+    """Where the simplex method ended: a vertex, with its multipliers.
 
     Attributes:
         status: SOLVED, UNBOUNDED, INFEASIBLE or MAX_STEPS.
@@ -144,7 +144,7 @@ class Vertex:
     pivots: int
 
 
-def simplex(A: Array, h: Array, target: Array, max_steps: int) -> Vertex:
+def simplex(A: Array, h: Array, target: Array, max_steps: int) -> SimplexResult:
     """Minimise h·y with A y = target and y ≥ 0 by the revised simplex method, two phases.
 
     Args:
@@ -191,7 +191,7 @@ def simplex(A: Array, h: Array, target: Array, max_steps: int) -> Vertex:
             status = Status.INFEASIBLE
             break
     inside = basis < v
-    return Vertex(status, basis[inside], values[inside], multipliers, pivots)
+    return SimplexResult(status, basis[inside], values[inside], multipliers, pivots)
 
 
 def solve_square(B: Array, right: Array) -> Array:

@@ -6,7 +6,7 @@ Minimises the SDP objective of [4] and [12],
 
 the linear part for little effort, the barrier against slip and overload (``_lmi`` says what P
 is). Each step goes along the steepest descent in the metric of Dikin's ellipsoid around P, which
-knows how near every cone and limit is. As the Hessian of the barrier is that metric, the
+shrinks near every cone and limit. As the Hessian of the barrier is that metric, the
 direction is Newton's and the end is quadratic.
 
 The WBF paper says that the algorithm is of Dikin's type, needs a feasible start (here after [9],
@@ -57,5 +57,5 @@ def solve(
         tol=tol,
         max_steps=max_steps,
         start=start,
-        judge_every=1,
+        decrement_every=1,
     )

@@ -10,9 +10,9 @@ in the entries of P. With P = P_0 + Σ_j x_j F_j in the null-space coordinates x
 dx/dt = −G⁻¹ ∇_x with the constant matrix G_ij = tr(F_i F_j).
 
 The WBF paper names the flow and says that the step size comes from a line search. Chosen here:
-Euler steps with exact line search, from the start of ``_start``. The metric knows nothing of the
-cones, so the flow is slow where a force is near its cone: hundreds to thousands of steps, linear
-convergence. Every 20 steps the barrier's Hessian is formed, only to know when to stop.
+Euler steps with exact line search, from the start of ``_start``. The metric is independent of
+the cones, so the flow is slow where a force is near its cone: hundreds to thousands of steps,
+linear convergence. Every 20 steps the barrier's Hessian is formed for the stopping test.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from graspforce.baselines._lmi import Lmi, Point
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
-STEPS_BETWEEN_JUDGEMENTS = 20
+STEPS_BETWEEN_DECREMENTS = 20
 
 
 def solve(
@@ -61,7 +61,7 @@ def solve(
         tol=tol,
         max_steps=max_steps,
         start=start,
-        judge_every=STEPS_BETWEEN_JUDGEMENTS,
+        decrement_every=STEPS_BETWEEN_DECREMENTS,
     )
 
 

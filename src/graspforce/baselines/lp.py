@@ -3,13 +3,12 @@
     maximise  d   with W c = f, F c + d‖F‖ ≤ 0, A c + d‖A‖ ≤ b
 
 F c ≤ 0 are the facets of all friction cones, A c ≤ b the joint torques and every other limit, ‖·‖
-the length of each row: d is the smallest distance [N] of the forces to any of these planes, so the
-program looks for the forces that are safest against all limits at once. A torsion counts in units
-of gamma/mu, which makes a force of it. The WBF paper says of [2] that it linearises the cones and
-maximises the distance to the constraints, no more; the distance as the length in force space, the
-same for all limits, is chosen here. With "normal" the same constraints serve another objective,
-the least largest normal force, which brackets the exact one of ``socp``: inner pyramids from above,
-outer ones from below.
+the length of each row: d is the smallest distance [N] of the forces to any of these planes, which
+the program maximises over all limits at once. A torsion is divided by gamma/mu, which makes it a
+force. The WBF paper says of [2] only that it linearises the cones and maximises the distance to the
+constraints; the distance as the length in force space, the same for all limits, is chosen here.
+With "normal" the same constraints serve another objective, the least largest normal force, which
+brackets the exact one of ``socp``: inner pyramids from above, outer ones from below.
 
 HiGHS solves it by its dual simplex method, which starts from the basis before. A linear program
 sits on a vertex, and its forces jump when the vertex changes.
@@ -25,12 +24,12 @@ from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.baselines._active import Active, as_steps
 from graspforce.baselines._pyramids import Cones, Pyramids
-from graspforce.baselines._stream import Found, Stream
+from graspforce.baselines._stream import SolverResult, Stream
 from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
-# Feasibility and optimality are asked for to this, the least that HiGHS takes.
+# Of feasibility and optimality: the smallest that HiGHS takes.
 TOLERANCE = 1e-10
 
 Objective: TypeAlias = Literal["distance", "normal"]
@@ -56,7 +55,7 @@ class Prepared(Stream):
         self._distance = objective == "distance"
         most = as_steps(max_steps)
         self._library = _highs()
-        self._solver = _quiet(self._library)
+        self._solver = _silent_highs(self._library)
         options = {
             "threads": 1, "solver": "simplex", "presolve": "off",
             "simplex_iteration_limit": most, "primal_feasibility_tolerance": TOLERANCE,
@@ -100,33 +99,37 @@ class Prepared(Stream):
         program.col_lower_ = np.full(len(cost), -np.inf)
         program.col_upper_ = np.full(len(cost), np.inf)
         program.row_lower_, program.row_upper_ = lower, upper
-        there = np.nonzero(rows)
+        nonzero = np.nonzero(rows)
         matrix = program.a_matrix_
         matrix.format_ = library.MatrixFormat.kRowwise
-        matrix.start_ = np.concatenate(([0], np.cumsum(np.bincount(there[0], minlength=len(rows)))))
-        matrix.index_, matrix.value_ = there[1], rows[there]
+        matrix.start_ = np.concatenate(
+            ([0], np.cumsum(np.bincount(nonzero[0], minlength=len(rows))))
+        )
+        matrix.index_, matrix.value_ = nonzero[1], rows[nonzero]
         solver.passModel(program)
         if basis is not None and basis.valid:
             solver.setBasis(basis)
 
-    def _run(self, view: Active, unit: float) -> Found:
-        solver, words = self._solver, self._library.HighsModelStatus
+    def _run(self, view: Active, unit: float) -> SolverResult:
+        solver, model_status = self._solver, self._library.HighsModelStatus
         solver.run()
         statuses = {
-            words.kOptimal: Status.SOLVED,
-            words.kUnbounded: Status.UNBOUNDED,
-            words.kUnboundedOrInfeasible: Status.UNBOUNDED,
-            words.kIterationLimit: Status.MAX_STEPS,
+            model_status.kOptimal: Status.SOLVED,
+            model_status.kUnbounded: Status.UNBOUNDED,
+            model_status.kUnboundedOrInfeasible: Status.UNBOUNDED,
+            model_status.kIterationLimit: Status.MAX_STEPS,
         }
         status = statuses.get(solver.getModelStatus(), Status.STALLED)
         solution = solver.getSolution()
-        x, prices = np.array(solution.col_value), np.array(solution.row_dual)
+        x, duals = np.array(solution.col_value), np.array(solution.row_dual)
         m, k = len(view.W.T), len(view.W)
         if not len(x):
-            x, prices = np.zeros(m + 1), np.zeros(k)
+            x, duals = np.zeros(m + 1), np.zeros(k)
         if status is Status.SOLVED and self._distance and x[m] < 0:
-            status = Status.STALLED  # some constraint is violated, by the least that can be
-        return Found(status, solver.getInfo().simplex_iteration_count, x[:m] * unit, prices[:k])
+            status = Status.STALLED  # infeasible: −d is the least violation
+        return SolverResult(
+            status, solver.getInfo().simplex_iteration_count, x[:m] * unit, duals[:k]
+        )
 
 
 def solve(
@@ -171,12 +174,12 @@ def _highs() -> Any:
     return highspy
 
 
-def _quiet(library: Any) -> Any:
-    """Return a HiGHS that never prints: by itself it says its name before it can be told not to."""
+def _silent_highs(library: Any) -> Any:
+    """Return a HiGHS that never prints; its constructor prints before options can be set."""
 
-    class Quiet(library.Highs):
+    class SilentHighs(library.Highs):
         def enableCallbacks(self) -> None:
             self.silent()
             super().enableCallbacks()  # pyright: ignore[reportUnknownMemberType]
 
-    return Quiet()
+    return SilentHighs()

@@ -1,11 +1,10 @@
-"""Pseudo-inverse: the least-norm force that balances the wrench, and nothing else.
+"""Pseudo-inverse: the least-norm force that balances the wrench, without any other limit.
 
     minimise  ‖c‖²/2   with W c = f,   so c = W⁺ f
 
-Eq. (17) with lam = 0, and what a few lines of NumPy do. It knows no friction cone, no torque limit
-and no ceiling; fingers may even pull. SOLVED means here that W c = f holds with the least norm, no
-more: how far the forces violate the rest is what the margins of the Solution tell. INFEASIBLE
-it never says, because it asks for nothing that could be.
+Eq. (17) with lam = 0. Friction cones, torque limits and ceilings are ignored; normal forces may be
+negative. SOLVED means here only that W c = f holds with the least norm: the margins of the Solution
+say how far the forces violate the rest. The status is never INFEASIBLE.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
     minimise  ‖c‖²/2   with W c = f, A c ≤ b and every c_i in its cone K_i
 
 by a differential equation whose equilibria are the optima, meant to run on analogue hardware:
-neurons that add, and one nonlinearity a constraint. The WBF paper says of [10] that it minimises a
-quadratic objective under the nonlinear cones, no more. Chosen here is the projection network of
+neurons that add, and one nonlinearity a constraint. The WBF paper says of [10] only that it
+minimises a quadratic objective under the nonlinear cones. Chosen here is the projection network of
 that school, in the forces c and the multipliers u (cones), w (limits) and z (wrench)::
 
     dc/dt = −( c − L.T p_u + A.T p_w − W.T (z + f − W c) )     p_u = Π(u − L c)
@@ -17,7 +17,7 @@ where L c stacks each contact's (mu n, tangential forces) and Π projects onto t
 convergent, because ‖c‖² is strictly convex. Projecting keeps the cones exact at their tips and
 axes, where ‖t‖ ≤ mu n written with one multiplier has no derivative. The rows of W and A are scaled
 to length 1, the network's choice of gains. SciPy integrates by its BDF method, as multipliers and
-forces move at different rates, until everything stands still.
+forces move at different rates, until all rates are below the tolerance.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from graspforce.errors import MissingExtraError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
-# Accuracy of the path; the end is judged by how still it stands. In units of the wrench's size.
+# Tolerances of the integrator, in units of the wrench's size; the end is judged by the rates.
 RELATIVE, ABSOLUTE = 1e-4, 1e-7
-# Multipliers of this size, in the same unit, or this many steps raise the question whether any
-# force will do: without one the flow has no end. With one it takes some 60 to 750 steps.
-SUSPICIOUS = 1e3
-PATIENCE = 200
+# At multipliers of this size, in the same unit, or after this many steps feasibility is checked:
+# the flow of an infeasible problem has no equilibrium. A feasible one takes 60 to 750 steps.
+LARGE_MULTIPLIER = 1e3
+FEASIBILITY_CHECK_STEP = 200
 # The widest contact, to which the others are padded with zero tangents.
-WIDTH = 4
+MAX_DIM = 4
 
 
 def solve(
@@ -65,9 +65,9 @@ def solve(
             multipliers.
 
     Returns:
-        The forces, moved the last bit onto W c = f; ``newton_steps`` counts the integrator's steps.
+        The forces, projected onto W c = f; ``newton_steps`` counts the integrator's steps.
         Where the multipliers grow very large, after 200 steps, or where there is no other end,
-        INFEASIBLE if ``_start`` finds the proof.
+        INFEASIBLE if ``_start`` finds the certificate.
 
     Raises:
         InvalidInputError: an option out of range, a start of the wrong shape.
@@ -85,25 +85,27 @@ def solve(
         at_start = np.zeros(network.neurons)
         at_start[: len(network.L.T)] = guess[problem.active_components]
         path = BDF(network.rates, 0.0, at_start, np.inf, rtol=RELATIVE, atol=ABSOLUTE * scale)
-        steps, status, asked = 0, Status.MAX_STEPS, False
+        steps, status, checked = 0, Status.MAX_STEPS, False
         while steps < most:
             path.step()
             steps += 1
             if path.status == "failed":
                 status = Status.STALLED
                 break
-            if not asked and (steps == PATIENCE or np.abs(path.y).max() > SUSPICIOUS * scale):
-                asked = True
+            if not checked and (
+                steps == FEASIBILITY_CHECK_STEP or np.abs(path.y).max() > LARGE_MULTIPLIER * scale
+            ):
+                checked = True
                 proof = infeasible(view)
                 if proof is not None:
                     return proof
             if np.abs(network.rates(path.t, path.y)).max() <= tol * scale:
                 status = Status.SOLVED
                 break
-        c, pull = network.read(path.y)
+        c, constraint_force = network.read(path.y)
         c = c + equations.particular_and_nullspace(view.W, problem.f - view.W @ c)[0]
-        own = solution_from_gradient(view, status, steps, c, c + pull)
-        return own if status is Status.SOLVED else infeasible_or(view, own)
+        solution = solution_from_gradient(view, status, steps, c, c + constraint_force)
+        return solution if status is Status.SOLVED else infeasible_or(view, solution)
 
     return run(problem, method)
 
@@ -118,7 +120,7 @@ def _integrator() -> Any:
 
 @dataclass(frozen=True, slots=True)
 class _Network:
-    """The constraints as the neurons have them.
+    """The constraints, scaled for the network.
 
     Attributes:
         L: contacts' cone coordinates (mu n, tangents), each padded to 4, shape (4 n, m).
@@ -136,7 +138,7 @@ class _Network:
 
     @classmethod
     def of(cls, view: Active) -> _Network:
-        L = np.zeros((len(view.models), WIDTH, len(view.W.T)))
+        L = np.zeros((len(view.models), MAX_DIM, len(view.W.T)))
         for i, (start, end) in enumerate(pairwise(view.starts)):
             L[i, : end - start, start:end] = np.diag(view.models[i].cone_scaling)
         of_W, of_A = (np.linalg.norm(rows, axis=1) for rows in (view.W, view.A))
@@ -159,11 +161,13 @@ class _Network:
         c, u, w, z = self._split(state)
         p_u, p_w = self._projections(c, u, w)
         error = self.f - self.W @ c
-        pull = self.A.T @ p_w - self.L.T @ p_u
-        return np.concatenate((self.W.T @ (z + error) - c - pull, p_u - u, p_w - w, error))
+        constraint_force = self.A.T @ p_w - self.L.T @ p_u
+        return np.concatenate(
+            (self.W.T @ (z + error) - c - constraint_force, p_u - u, p_w - w, error)
+        )
 
     def read(self, state: Array) -> tuple[Array, Array]:
-        """Return the forces and the pull of cones and limits on them, both of shape (m,)."""
+        """Return the forces and the forces of cones and limits on them, both of shape (m,)."""
         c, u, w, _ = self._split(state)
         p_u, p_w = self._projections(c, u, w)
         return c, self.A.T @ p_w - self.L.T @ p_u
@@ -172,7 +176,7 @@ class _Network:
         return np.split(state, np.cumsum([len(self.L.T), len(self.L), len(self.b)]))
 
     def _projections(self, c: Array, u: Array, w: Array) -> tuple[Array, Array]:
-        onto_cones = project(np.reshape(u - self.L @ c, (-1, WIDTH)))
+        onto_cones = project(np.reshape(u - self.L @ c, (-1, MAX_DIM)))
         return onto_cones.ravel(), np.maximum(0.0, w + self.A @ c - self.b)
 
 

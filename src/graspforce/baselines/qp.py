@@ -2,8 +2,8 @@
 
     minimise  ‖c‖²/2   with W c = f, A c ≤ b and pyramids F c ≤ 0 for the friction cones
 
-What is used where a control loop has a QP solver already. DAQP, a dual active-set method for small
-dense programs, solves it and starts from the active set before.
+The usual choice where a control loop has a QP solver already. DAQP, a dual active-set method for
+small dense programs, solves it and starts from the active set before.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from graspforce._engine.outcome import Status
 from graspforce.baselines._active import Active, as_steps
 from graspforce.baselines._pyramids import Cones, Pyramids
-from graspforce.baselines._stream import Found, Stream
+from graspforce.baselines._stream import SolverResult, Stream
 from graspforce.errors import MissingExtraError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
@@ -59,16 +59,16 @@ class Prepared(Stream):
         sense[:k] = EQUATION
         self._solver = self._library.Model()
         self._solver.settings = {"iter_limit": self._max_steps, "primal_tol": TOLERANCE}
-        # Equations that contradict one another are found out here.
+        # Setup fails where the equations contradict one another.
         self._ready = self._solver.setup(np.eye(m), np.zeros(m), A, upper, lower, sense)[0] >= 0
 
-    def _run(self, view: Active, unit: float) -> Found:
+    def _run(self, view: Active, unit: float) -> SolverResult:
         k, m = view.W.shape
         if not self._ready:
-            return Found(Status.STALLED, 0, np.zeros(m), np.zeros(k))
+            return SolverResult(Status.STALLED, 0, np.zeros(m), np.zeros(k))
         x, _, flag, info = self._solver.solve()
         status = {SOLVED: Status.SOLVED, MAX_STEPS: Status.MAX_STEPS}.get(flag, Status.STALLED)
-        return Found(status, int(info["iterations"]), unit * x, -unit * info["lam"][:k])
+        return SolverResult(status, int(info["iterations"]), unit * x, -unit * info["lam"][:k])
 
 
 def solve(

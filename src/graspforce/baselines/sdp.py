@@ -14,8 +14,8 @@ Clarabel solves it with semidefinite cones: P(c) ⪰ 0 itself without barrier. W
 block, a lower triangular L with ⎡P, L; L.T, diag L⎤ ⪰ 0, which makes Σ ln L_ii at most ln det P and
 equal to it at the best L; the logarithms are exponential cones.
 
-Schlegl et al. [11] let fingers go and grip again by this SDP: engagement and c_max of the problem
-are ceilings in P, and a removed contact has left it.
+Schlegl et al. [11] release and regrip fingers by this SDP: engagement and c_max of the problem
+are ceilings in P, and a removed contact has no block in it.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
-# What Clarabel is asked for, and what is enough where rounding ends its progress before that.
-PRECISION, ENOUGH = 1e-10, 1e-8
+# Clarabel's tolerances: the full one, and the reduced one of AlmostSolved.
+PRECISION, REDUCED_PRECISION = 1e-10, 1e-8
 # The objective / barrier of an answer with barrier is at most this much above its minimum.
-NEARNESS = 1e-6
-# Where Clarabel comes only this near, Newton steps do the rest, at most so many.
-NEAR, LAST_STEPS = 1.0, 4
+SUBOPTIMALITY = 1e-6
+# A suboptimality up to which Newton steps refine Clarabel's answer, and the most of them.
+REFINABLE, MAX_REFINEMENTS = 1.0, 4
 
 
 def solve(
@@ -64,7 +64,7 @@ def solve(
     Returns:
         The forces; ``newton_steps`` counts Clarabel's iterations, and the last Newton steps where
         it ended short of the precision. INFEASIBLE comes with a
-        certificate that the phase of ``_start`` found, to the last digit of what NumPy can check.
+        certificate that ``_start`` found, checked in NumPy.
 
     Raises:
         InvalidInputError: an option out of range.
@@ -106,14 +106,15 @@ class _Part:
         of_own: the columns of the variables that only this block has, shape (rows, own).
         constant: shape (rows,).
         cones: Clarabel's, in the order of the rows.
-        profit: of the own variables: what sums up to ln det of the block, shape (own,).
+        log_det_weights: of the own variables, whose weighted sum is ln det of the block, shape
+            (own,).
     """
 
     of_x: Array
     of_own: Array
     constant: Array
     cones: list[Any]
-    profit: Array
+    log_det_weights: Array
 
 
 def _positive(F0: Array, F: Array, clarabel: Any) -> _Part:
@@ -127,7 +128,7 @@ def _log_det(F0: Array, F: Array, clarabel: Any) -> _Part:
     """As :func:`_positive`, with further variables whose last p sum up to ln det."""
     p = len(F0)
     if p == 1:
-        diagonal_of_x, diagonal_of_own, above = F[:, 0], np.zeros((1, 0)), F0[0]
+        diagonal_of_x, diagonal_of_own, diagonal = F[:, 0], np.zeros((1, 0)), F0[0]
         matrix = _Part(np.zeros((0, len(F))), np.zeros((0, 0)), np.zeros(0), [], np.zeros(0))
     else:
         # The own variables are the entries of L, row by row.
@@ -139,7 +140,7 @@ def _log_det(F0: Array, F: Array, clarabel: Any) -> _Part:
         own[on_diagonal, p + np.arange(p), p + np.arange(p)] = 1.0
         matrix = _positive(_corner(F0), _corner(F), clarabel)
         matrix = replace(matrix, of_own=_entries(own).T)
-        diagonal_of_x, above = np.zeros((len(F), p)), np.zeros(p)
+        diagonal_of_x, diagonal = np.zeros((len(F), p)), np.zeros(p)
         diagonal_of_own = np.eye(len(i))[on_diagonal]
     # t_k ≤ ln of the diagonal's entry k: (t_k, 1, entry) in the exponential cone.
     rows, known = 3 * p, diagonal_of_own.shape[1]
@@ -147,7 +148,7 @@ def _log_det(F0: Array, F: Array, clarabel: Any) -> _Part:
     of_x[2::3], of_own[2::3, :known], of_own[0::3, known:] = (
         diagonal_of_x.T, diagonal_of_own, np.eye(p),
     )  # fmt: skip
-    constant = np.column_stack((np.zeros(p), np.ones(p), above)).ravel()
+    constant = np.column_stack((np.zeros(p), np.ones(p), diagonal)).ravel()
     return _Part(
         np.vstack((matrix.of_x, of_x)),
         np.vstack((np.pad(matrix.of_own, ((0, 0), (0, p))), of_own)),
@@ -209,45 +210,48 @@ def _solve(
     A = -np.hstack((np.vstack([part.of_x for part in parts]), of_own))
     own = of_own.shape[1]
     linear = view.normals if normals else c_p
-    heavy = max(1.0, weight)
-    q = np.concatenate((N.T @ linear, *[-weight * part.profit for part in parts])) / heavy
-    square = 0.0 if normals else 1 / heavy
+    objective_scale = max(1.0, weight)
+    q = (
+        np.concatenate((N.T @ linear, *[-weight * part.log_det_weights for part in parts]))
+        / objective_scale
+    )
+    square = 0.0 if normals else 1 / objective_scale
     P = np.repeat([square, 0.0], [len(N.T), own])
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
     settings.max_iter = max_steps
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = PRECISION
-    settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = ENOUGH
-    settings.reduced_tol_feas = ENOUGH
+    settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = REDUCED_PRECISION
+    settings.reduced_tol_feas = REDUCED_PRECISION
     # The blocks are too small to gain by it, and Clarabel 0.11 panics on some of them.
     settings.chordal_decomposition_enable = False
     constant = np.concatenate([part.constant for part in parts])
     cones = [cone for part in parts for cone in part.cones]
-    found = clarabel.DefaultSolver(
+    result = clarabel.DefaultSolver(
         diagonal(P), q, Pattern(A != 0).sparse(A), constant, cones, settings
     ).solve()
 
-    word = str(found.status)
-    steps = int(found.iterations)
-    x = np.array(found.x)[: len(N.T)]
-    if word == "PrimalInfeasible":
+    status_text = str(result.status)
+    steps = int(result.iterations)
+    x = np.array(result.x)[: len(N.T)]
+    if status_text == "PrimalInfeasible":
         return infeasible_or(
             view,
             solution_from_gradient(view, Status.STALLED, steps, unit * c_p, np.zeros(len(c_p))),
         )
-    failed = Status.MAX_STEPS if word == "MaxIterations" else Status.STALLED
-    solved = word in ("Solved", "AlmostSolved")
+    failed = Status.MAX_STEPS if status_text == "MaxIterations" else Status.STALLED
+    solved = status_text in ("Solved", "AlmostSolved")
     if weight:
-        # The barrier's Hessian is at hand, so the forces are judged by themselves: Clarabel's
-        # exponential cones sometimes end short of the precision asked for, and a Newton step or
-        # two of the same objective make that up.
-        for _ in range(LAST_STEPS + 1):
+        # The barrier's Hessian is at hand, so optimality is checked at the forces: Clarabel's
+        # exponential cones sometimes stop short of the tolerance, which a Newton step or two of
+        # the same objective correct.
+        for _ in range(MAX_REFINEMENTS + 1):
             point = in_x.at(x)
             slope = N.T @ (view.normals if normals else c_p + N @ x) / weight + point.gradient
-            above = half_square_decrement(point, slope) if point.inside else np.inf
-            solved = bool(above <= NEARNESS)
-            if solved or above > NEAR or not normals:
+            suboptimality = half_square_decrement(point, slope) if point.inside else np.inf
+            solved = bool(suboptimality <= SUBOPTIMALITY)
+            if solved or suboptimality > REFINABLE or not normals:
                 break
             d = dikin_direction(point, slope)
             fall = float(view.normals @ (N @ d)) / weight
@@ -258,7 +262,7 @@ def _solve(
     if weight:
         gradient = effort + weight * in_c.at(c).gradient
     else:
-        gradient = effort - _cone_forces(in_c, np.array(found.z))
+        gradient = effort - _cone_forces(in_c, np.array(result.z))
     c, gradient = unit * c, gradient if normals else unit * gradient
     if solved:
         return solution_from_gradient(view, Status.SOLVED, steps, c, gradient)

@@ -1,11 +1,11 @@
-"""Second-order cone program with exact friction cones: what users pick today.
+"""Second-order cone program with exact friction cones: the usual formulation today.
 
     minimise  the largest normal force ("normal"), or ‖c‖²/2 ("norm")
     with      W c = f, A c ≤ b, every c_i in its friction cone
 
 The WBF paper's problem without its barriers: the wrench, the joint torques and the true cones are
-the same, and the objective asks for as little force as possible. So the optimum lies on the
-boundary, with no margin left against slip or overload, and with "normal" it is often a whole
+the same, and the objective is least force. So the optimum lies on the boundary,
+without margin against slip or overload, and with "normal" it is often a whole
 face of forces, of which an interior-point method returns a middle one.
 
 Clarabel, QOCO and SCS are called directly; ECOS (GPL) and Moreau where a user has installed them.
@@ -24,7 +24,7 @@ from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
-# What each solver reaches on nearly all grasps, and how many iterations it may take for that.
+# Tolerances that each solver reaches on nearly all grasps, and the iterations that this takes.
 _TOLERANCES = {"qoco": 1e-8}
 _MAX_STEPS = {"scs": 20_000}
 
@@ -57,28 +57,31 @@ class Prepared(Conic):
         m, k, v, n = len(view.W.T), len(view.W), len(view.b), len(view.models)
         dims = np.array([model.dim for model in view.models])
         starts = np.array(view.starts[:-1])
-        bare = starts[dims == 1]  # frictionless contacts: c_i ≥ 0
-        rolled = np.repeat(dims > 1, dims).nonzero()[0]
-        above = n if self._largest else 0
-        flat = v + above + len(bare)
-        N = m + (1 if above else 0)
+        frictionless = starts[dims == 1]  # c_i ≥ 0
+        frictional = np.repeat(dims > 1, dims).nonzero()[0]
+        ceilings = n if self._largest else 0
+        nonnegative = v + ceilings + len(frictionless)
+        N = m + (1 if ceilings else 0)
 
-        A, b = np.zeros((k + flat + len(rolled), N)), np.zeros(k + flat + len(rolled))
+        A, b = (
+            np.zeros((k + nonnegative + len(frictional), N)),
+            np.zeros(k + nonnegative + len(frictional)),
+        )
         A[:k, :m], b[:k] = view.W, view.problem.f / unit
         A[k : k + v, :m], b[k : k + v] = view.A, view.b / unit
-        if above:
-            ceilings = k + v + np.arange(n)
-            A[ceilings, starts], A[ceilings, m] = 1.0, -1.0
-        A[k + v + above + np.arange(len(bare)), bare] = -1.0
-        A[k + flat + np.arange(len(rolled)), rolled] = -view.cone_weights[rolled]
+        if ceilings:
+            rows = k + v + np.arange(n)
+            A[rows, starts], A[rows, m] = 1.0, -1.0
+        A[k + v + ceilings + np.arange(len(frictionless)), frictionless] = -1.0
+        A[k + nonnegative + np.arange(len(frictional)), frictional] = -view.cone_weights[frictional]
 
         P, q = np.zeros(N), np.zeros(N)
-        if above:
+        if ceilings:
             q[m] = 1.0
         else:
             P[:] = 1.0
         cones = tuple(int(dim) for dim in dims[dims > 1])
-        return Program(Shape(N, k, flat, cones, 0), P, q, A, b)
+        return Program(Shape(N, k, nonnegative, cones, 0), P, q, A, b)
 
 
 def solve(

@@ -4,7 +4,7 @@
     with      mu n_i ≥ ‖(t_i, r_i)‖,  u_i ≤ ln r_i,  v_j ≤ ln(b_j − a_j·c)
 
 At the best r_i, r_i² = mu² n_i² − ‖t_i‖², so that 2 u_i is the logarithm of Eq. (9), and v_j that
-of Eq. (6): the same minimiser as :func:`graspforce.solve`, found without a line of its code. Each
+of Eq. (6): the same minimiser as :func:`graspforce.solve`, by independent code. Each
 logarithm is an exponential cone, (u, 1, r) or (v, 1, b − a·c). Clarabel solves it.
 """
 
@@ -17,12 +17,12 @@ from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_positive
 from graspforce.baselines._active import Active, as_steps
 from graspforce.baselines._conic import Conic, Pattern, Program, Shape
-from graspforce.baselines._stream import Found
+from graspforce.baselines._stream import SolverResult
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
 # Phi / min(1, alpha) of an answer is at most this much above its minimum.
-NEARNESS = 1e-6
+SUBOPTIMALITY = 1e-6
 
 
 class Prepared(Conic):
@@ -55,20 +55,21 @@ class Prepared(Conic):
         q[u], q[m + 2 * n :] = -2.0 / self._scale, -view.problem.alpha / self._scale
         return Program(Shape(N, k, 0, tuple(sizes), n + v), np.zeros(N), q, A, b)
 
-    def _run(self, view: Active, unit: float) -> Found:
-        found = super()._run(view, unit)
-        runaway = np.abs(found.c).max() > equations.RUNAWAY * unit
-        if (runaway or found.status is Status.STALLED) and self._endless(view):
-            found = found._replace(status=Status.UNBOUNDED)
-        elif found.status is Status.STALLED and _near(view, found.c):
-            found = found._replace(status=Status.SOLVED)
-        return found._replace(nu=found.nu * self._scale)
+    def _run(self, view: Active, unit: float) -> SolverResult:
+        result = super()._run(view, unit)
+        runaway = np.abs(result.c).max() > equations.RUNAWAY * unit
+        if (runaway or result.status is Status.STALLED) and self._unbounded(view):
+            result = result._replace(status=Status.UNBOUNDED)
+        elif result.status is Status.STALLED and _near_optimal(view, result.c):
+            result = result._replace(status=Status.SOLVED)
+        return result._replace(nu=result.nu * self._scale)
 
-    def _endless(self, view: Active) -> bool:
-        """Whether some grip c ≠ 0 with W c = 0 and A c ≤ 0 in the cones may grow for ever.
+    def _unbounded(self, view: Active) -> bool:
+        """Whether some grip c ≠ 0 with W c = 0 and A c ≤ 0 in the cones may grow without bound.
 
-        Then so does every logarithm that it moves; Clarabel, for which a logarithm has no slope in
-        the end, goes along without naming it. The most Σ n_i ≤ 1 of such a grip is 0 or 1.
+        Then so does every logarithm along it; Clarabel follows such a direction without reporting
+        it, as the slope of a logarithm vanishes. The maximum of Σ n_i ≤ 1 over
+        such grips is 0 or 1.
         """
         own, normals = self.program(view, 1.0), view.normals
         m, k, v, cones = len(normals), len(view.W), len(view.b), own.shape.second_order
@@ -76,17 +77,17 @@ class Prepared(Conic):
         b = np.zeros(len(A))
         b[k + v] = 1.0
         program = Program(Shape(m, k, v + 1, cones, 0), np.zeros(m), -normals, A, b)
-        grip = self._make(program, Pattern(A != 0), self._tol, self._max_steps).solve()
+        grip = self._workspace_type(program, Pattern(A != 0), self._tol, self._max_steps).solve()
         return grip.status is Status.SOLVED and float(normals @ grip.x) > 0.5
 
 
-def _near(view: Active, c: Array) -> bool:
-    """Whether Phi is as near its minimum as asked for, whatever Clarabel says.
+def _near_optimal(view: Active, c: Array) -> bool:
+    """Whether Phi is within ``SUBOPTIMALITY`` of its minimum.
 
-    It often ends a digit or two short of its tolerance with exponential cones.
+    Clarabel often stops a digit or two short of its tolerance with exponential cones.
     """
     decrement, _ = equations.decrement_and_error(c, view.W, view.inner.barriers)
-    return decrement**2 / 2 <= NEARNESS
+    return decrement**2 / 2 <= SUBOPTIMALITY
 
 
 def solve(problem: ForceProblem, *, tol: float = 1e-9, max_steps: int = 200) -> Solution:

@@ -2,7 +2,7 @@
 
 Read it beside Sections III-A to III-C of the paper; the equation numbers are its. The functions are
 those of :mod:`graspforce.equations`, here with contact models and problems as arguments; below
-them stands the paper's method, made of nothing else. It does what the paper does and no more: a
+them is the paper's method, built from these alone. It is the paper's method without additions: a
 null-space basis for each problem, dense Newton steps in the reduced variables, backtracking, a
 Phase 1 with one slack variable (:mod:`graspforce.reference.phase_one`). It is not fast.
 ``Settings(backend="reference")`` runs on it.
@@ -285,7 +285,7 @@ def friction_residual(c: Array, models: Sequence[ContactModel]) -> float:
     return float(equations.friction_residual(c, Cones.of_models(models)))
 
 
-# ---- what answers are judged by ---------------------------------------------------------------
+# ---- checks of an answer -----------------------------------------------------------------------
 
 
 def friction_margins(c: Array, models: Sequence[ContactModel]) -> Array:
@@ -370,7 +370,7 @@ def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Pl
             y, z = first.certificate.y, problem.scatter_multipliers(first.certificate.z)
             return PlainOutcome(Status.INFEASIBLE, steps, c, y, violation=first.violation, y=y, z=z)
         if not first.inside:
-            status = Status.MAX_STEPS if first.spent else Status.STALLED
+            status = Status.MAX_STEPS if first.out_of_steps else Status.STALLED
             return PlainOutcome(status, steps, c, np.zeros(len(problem.f)))
         lam = N.T @ (first.c - c_p)
     outcome = minimise(inner, c_p, N, lam, settings.tol, settings.max_steps - steps)

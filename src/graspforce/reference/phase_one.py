@@ -1,9 +1,9 @@
-"""A force strictly inside every cone and limit, or the proof that there is none, in NumPy.
+"""A force strictly inside every cone and limit, or the certificate that there is none, in NumPy.
 
 Section III-C.5 of the paper: one slack sigma relaxes every cone and limit by its own scale and is
-made as small as it gets, by Newton's method on kappa·sigma + Phi_relaxed in the null space of W for
-growing kappa. The NumPy solver starts here where it has no start, and
-:meth:`graspforce.Solution.verify` looks here for what UNBOUNDED claims.
+minimised by Newton's method on kappa·sigma + Phi_relaxed in the null space of W for
+growing kappa. The NumPy solver uses it where it has no feasible start,
+:meth:`graspforce.Solution.verify` to check UNBOUNDED.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from graspforce.equations import (
 )
 from graspforce.problem import ForceProblem
 
-# The slack is known to this part of itself when it is reported as the least violation.
-PRECISION = 1e-7
+# Relative tolerance of the slack that is reported as the least violation.
+SIGMA_TOLERANCE = 1e-7
 # A slack below this is rounding.
-LEAST = 1e-13
+SIGMA_ROUNDING = 1e-13
 
 
 class PhaseOne(NamedTuple):
@@ -41,10 +41,10 @@ class PhaseOne(NamedTuple):
     Attributes:
         c: the forces, shape (m,), with W c = f.
         steps: Newton steps taken.
-        inside: they are strictly inside every cone and limit.
-        certificate: the proof that no forces are; None without one.
-        violation: the least relative violation where there is a proof, else 0.
-        spent: stopped by the limit on steps.
+        inside: whether they are strictly inside every cone and limit.
+        certificate: the proof that no forces are inside; None without one.
+        violation: the least relative violation with a certificate, else 0.
+        out_of_steps: stopped by the limit on steps.
     """
 
     c: Array
@@ -52,14 +52,14 @@ class PhaseOne(NamedTuple):
     inside: bool = False
     certificate: Certificate | None = None
     violation: float = 0.0
-    spent: bool = False
+    out_of_steps: bool = False
 
 
 def find_inside(problem: ForceProblem, N: Array, c: Array, max_steps: int) -> PhaseOne:
     """Shrink one slack that relaxes every cone and limit.
 
     Ends as soon as c is strictly inside, or when the multipliers of a Newton step prove that sigma
-    cannot reach zero and sigma is within 1e-7 of its least.
+    cannot reach zero and sigma is within 1e-7 of its minimum.
 
     Args:
         problem: what to find forces for, every contact in the grasp.
@@ -71,7 +71,7 @@ def find_inside(problem: ForceProblem, N: Array, c: Array, max_steps: int) -> Ph
     x = np.append(c, 1.2 * relaxed.least_sigma(c) + 0.1)
     basis = np.pad(N, ((0, 1), (0, 1)))
     basis[-1, -1] = 1.0
-    kappa, proof = 10.0, None
+    kappa, certificate = 10.0, None
     terms = len(relaxed.b) + 2 * problem.n
     for step in range(1, max_steps + 1):
         gradient, hessian = relaxed.derivatives(x)
@@ -79,7 +79,7 @@ def find_inside(problem: ForceProblem, N: Array, c: Array, max_steps: int) -> Ph
         d = basis @ newton_step(basis.T @ gradient, basis.T @ hessian @ basis)
         lam = math.sqrt(max(0.0, -float(gradient @ d)))
         if lam < 1:
-            proof = relaxed.proof(x, d) or proof
+            certificate = relaxed.certificate(x, d) or certificate
         gamma = 1.0
         while not relaxed.inside(x + gamma * d) and gamma > 1e-16:
             gamma *= 0.7
@@ -90,12 +90,12 @@ def find_inside(problem: ForceProblem, N: Array, c: Array, max_steps: int) -> Ph
             return PhaseOne(x[:-1], step, inside=True)
         if lam < 0.3:
             sigma = float(x[-1])
-            if proof is not None and terms / kappa < PRECISION * sigma:
-                return PhaseOne(x[:-1], step, certificate=proof, violation=sigma)
-            if terms / kappa < LEAST:
+            if certificate is not None and terms / kappa < SIGMA_TOLERANCE * sigma:
+                return PhaseOne(x[:-1], step, certificate=certificate, violation=sigma)
+            if terms / kappa < SIGMA_ROUNDING:
                 return PhaseOne(x[:-1], step)
             kappa *= 10
-    return PhaseOne(x[:-1], max_steps, spent=True)
+    return PhaseOne(x[:-1], max_steps, out_of_steps=True)
 
 
 class _Relaxed:
@@ -128,13 +128,13 @@ class _Relaxed:
         hessian = hess_phi_lin(x, self.A, self.b) + lift.T @ hess_phi_soc(c, cones) @ lift
         return gradient, hessian
 
-    def proof(self, x: Array, d: Array) -> Certificate | None:
-        """Multipliers from a Newton step with λ < 1: dual feasible, so a proof if their gap > 0."""
+    def certificate(self, x: Array, d: Array) -> Certificate | None:
+        """Multipliers of a Newton step with λ < 1, dual feasible: a certificate if gap > 0."""
         lift, c, cones = self.lift, self.lift @ x, self.barriers.cones
         r = slacks(x, self.A, self.b)
         z = (1 + self.A @ d / r) / r
         cone = grad_phi_soc(c, cones) + hess_phi_soc(c, cones) @ (lift @ d)
         y = least_squares(self.problem.equalities[0].T, self.barriers.A.T @ z + cone)
         total = float(z @ -self.A[:, -1]) + abs(float(lift[:, -1] @ cone))
-        proof = Certificate(y / total, z / total)
-        return proof if proof.proves_infeasible(self.problem) else None
+        certificate = Certificate(y / total, z / total)
+        return certificate if certificate.proves_infeasible(self.problem) else None

@@ -6,34 +6,37 @@
 >>> log.held
 True
 
-The physics knows nothing of the model behind the forces: it has bodies, motors, and contacts that
-stick or slide. A scene is a :class:`Trial`, data that says who is to do what; :func:`run` closes
-the loop and returns a :class:`Log`. ``sim.NAMES`` are the scenes that come with graspforce.
+The physics is independent of the model behind the forces: it has bodies, motors, and contacts that
+stick or slide. A :class:`Trial` holds model, fingers and motion as data; :func:`run` closes the
+loop and returns a :class:`Log`. ``sim.NAMES`` are the scenes that come with graspforce; :func:`get`
+returns their trials.
 
 Needs the extra ``sim``: in a checkout, ``pip install '.[sim]'``.
 """
 
 from __future__ import annotations
 
+import warnings
+from typing import Any
+
 from graspforce.errors import RenderError
-from graspforce.sim.disturbance import Disturbance, Push
 from graspforce.sim.log import Ending, Log, check_log_file
 from graspforce.sim.loop import run
 from graspforce.sim.render import check_video_file, save_still, save_video
 from graspforce.sim.scenes import NAMES, get
-from graspforce.sim.trial import Finger, Gains, Grip, Step, Trial
+from graspforce.sim.trial import Disturbance, Finger, FingerSwing, Gains, Grip, Push, Trial
 
 __all__ = [
     "NAMES",
     "Disturbance",
     "Ending",
     "Finger",
+    "FingerSwing",
     "Gains",
     "Grip",
     "Log",
     "Push",
     "RenderError",
-    "Step",
     "Trial",
     "check_log_file",
     "check_video_file",
@@ -42,3 +45,14 @@ __all__ = [
     "save_still",
     "save_video",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "Step":
+        warnings.warn(
+            "graspforce.sim.Step is now graspforce.sim.FingerSwing",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return FingerSwing
+    raise AttributeError(f"module 'graspforce.sim' has no attribute {name!r}")

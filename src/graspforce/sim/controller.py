@@ -10,8 +10,8 @@ Every tick,
    move the tip.
 
 There is no position loop on a finger that holds. One that is off the object follows its path by
-computed torque with a light PD law at the tip. While its engagement rises or falls, the two are
-blended by it, so that nothing jumps.
+computed torque with a PD law at the tip. While its engagement rises or falls, the two are blended
+by it, so that the torques are continuous.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from graspforce.grasp_map import grasp_map
 from graspforce.problem import ForceProblem
 from graspforce.regrasp import is_removed, smooth
 from graspforce.servo import Servo
-from graspforce.sim.engine import mj
-from graspforce.sim.minimum_norm import MinimumNorm
-from graspforce.sim.scene import Pose, Scene, Touch
-from graspforce.sim.trial import Step, Trial
+from graspforce.sim.minimum_norm_servo import MinimumNormServo
+from graspforce.sim.mujoco_import import mj
+from graspforce.sim.trial import FingerSwing, Trial
+from graspforce.sim.world import Pose, Touch, World
 from graspforce.solution import Solution
 from graspforce.trajectory import State
 
-# How deep inside the surface a returning finger aims [m]: it presses lightly, and so finds it.
-PRESS = 5e-4
+# How deep inside the surface a returning finger aims [m]: it makes contact with a small force.
+PRESS_DEPTH = 5e-4
 
-# A motion that turns faster than this has all of the friction against it [rad/s].
-TURNING = 0.05
+# Yaw rate from which on all of ``turning_friction`` is compensated [rad/s].
+FULL_FRICTION_RATE = 0.05
 
-# The inertia felt at a fingertip is counted no higher than this [kg].
-HEAVIEST = 1e3
+# Upper bound on the effective mass at a fingertip [kg].
+MAX_TIP_INERTIA = 1e3
 
-# Half the interval over which a swing path is differentiated [s].
-_H = 1e-4
+# Half the interval of the finite differences of a swing path [s].
+_HALF_INTERVAL = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,24 +68,25 @@ class Command:
 class Controller:
     """The control law of a trial, tick after tick.
 
-    It knows the trial as planned, mass and inertia as they are at the start, and what is measured.
+    It uses the trial as planned, mass and inertia at the start, and the measurements; the
+    disturbance is unknown to it.
 
     Args:
         trial: what is to be done.
-        scene: whose hand it moves; only the hand's own state is read from it.
+        world: whose hand it moves; only the hand's own state is read from it.
     """
 
-    def __init__(self, trial: Trial, scene: Scene) -> None:
-        self._trial, self._scene = trial, scene
+    def __init__(self, trial: Trial, world: World) -> None:
+        self._trial, self._world = trial, world
         self._gains, self._schedule = trial.gains, trial.schedule
-        R = scene.pose().rotation
-        self._mass, self._inertia = scene.mass, R.T @ scene.inertia @ R
-        self._q_start = scene.q.copy()
+        R = world.pose().rotation
+        self._mass, self._inertia = world.mass, R.T @ world.inertia @ R
+        self._q_start = world.q.copy()
         # In the object's frame: where each finger touches or last did, and the roll of its frame.
         self._points = [grip.point for grip in trial.grips]
         self._normals = [grip.normal for grip in trial.grips]
         self._tangents = [any_tangent(grip.normal) for grip in trial.grips]
-        self._servo: Servo | MinimumNorm | None = None
+        self._servo: Servo | MinimumNormServo | None = None
         self._c = np.zeros(3 * len(trial.fingers))
 
     def step(self, t: float, pose: Pose, touches: list[Touch | None]) -> Command:
@@ -95,12 +96,12 @@ class Controller:
         engagement = self._engagement(t, touches)
         contacts = self._contacts(pose, touches, engagement)
         W = grasp_map(contacts, pose.position)
-        J = self._scene.contact_jacobian(contacts)
-        own = self._own_torques(t, pose, touches, acceleration, contacts, engagement)
-        solution = self._distribute(f, W, J, own, engagement)
+        J = self._world.contact_jacobian(contacts)
+        bias = self._bias_torques(t, pose, touches, acceleration, contacts, engagement)
+        solution = self._distribute(f, W, J, bias, engagement)
         if solution.status is Status.SOLVED:
             self._c = solution.c
-        tau = J.T @ (self._c * np.repeat(~is_removed(engagement), 3)) + own
+        tau = J.T @ (self._c * np.repeat(~is_removed(engagement), 3)) + bias
         return Command(tau, solution, contacts, engagement)
 
     # ---- 1  the wrench ---------------------------------------------------------------------
@@ -120,16 +121,16 @@ class Controller:
         )
         inertia = pose.rotation @ self._inertia @ pose.rotation.T
         omega = pose.angular_velocity
-        force = self._mass * (linear - self._scene.model.opt.gravity)
+        force = self._mass * (linear - self._world.model.opt.gravity)
         torque = inertia @ angular + cross(omega, inertia @ omega)
-        turning = min(max(target.yaw_rate / TURNING, -1.0), 1.0)
-        torque[2] += turning * self._trial.turning_friction
+        direction = min(max(target.yaw_rate / FULL_FRICTION_RATE, -1.0), 1.0)
+        torque[2] += direction * self._trial.turning_friction
         return np.concatenate((linear, angular)), np.concatenate((force, torque))
 
     # ---- 2  the contacts -------------------------------------------------------------------
 
     def _engagement(self, t: float, touches: list[Touch | None]) -> Array:
-        """Return the planned engagement; a finger on its way that touches nothing has none."""
+        """Return the planned engagement; 0 for a returning finger without contact."""
         engagement = self._schedule(t)
         for i, touch in enumerate(touches):
             if touch is None and engagement[i] < 1:
@@ -146,7 +147,7 @@ class Controller:
             if touch is not None:
                 self._points[i] = R.T @ (touch.point - pose.position)
                 self._normals[i] = R.T @ touch.normal
-                if is_removed(engagement[i]):  # a new hold: the frame's roll is free again
+                if is_removed(engagement[i]):  # a new contact: its frame's roll is chosen anew
                     self._tangents[i] = any_tangent(self._normals[i])
             point = pose.position + R @ self._points[i]
             contacts.append(Contact(point, R @ self._normals[i], model, R @ self._tangents[i]))
@@ -154,20 +155,20 @@ class Controller:
 
     # ---- 3  the forces ---------------------------------------------------------------------
 
-    def _distribute(self, f: Array, W: Array, J: Array, own: Array, engagement: Array) -> Solution:
-        trial, grasp = self._trial, self._scene.grasp
-        ceiling: dict[str, Any] = {} if trial.c_max is None else {"engagement": engagement}
+    def _distribute(self, f: Array, W: Array, J: Array, bias: Array, engagement: Array) -> Solution:
+        trial, grasp = self._trial, self._world.grasp
+        changes: dict[str, Any] = {} if trial.c_max is None else {"engagement": engagement}
         if self._servo is None:
             problem = ForceProblem(
-                W, f, PCWF(trial.mu), J, grasp.tau_lo, grasp.tau_hi, own,
-                c_max=trial.c_max, alpha=trial.alpha, **ceiling,
+                W, f, PCWF(trial.mu), J, grasp.tau_lo, grasp.tau_hi, bias,
+                c_max=trial.c_max, alpha=trial.alpha, **changes,
             )  # fmt: skip
-            self._servo = (Servo if trial.method == "wbf" else MinimumNorm)(problem)
-        return self._servo.step(f=f, W=W, J=J, tau_bias=own, **ceiling)
+            self._servo = (Servo if trial.method == "wbf" else MinimumNormServo)(problem)
+        return self._servo.step(f=f, W=W, J=J, tau_bias=bias, **changes)
 
     # ---- 4  the fingers' own torques -------------------------------------------------------
 
-    def _own_torques(
+    def _bias_torques(
         self,
         t: float,
         pose: Pose,
@@ -177,95 +178,95 @@ class Controller:
         engagement: Array,
     ) -> Array:
         """Return what the joints need beside J.T c, shape (n_joints,) [N·m]."""
-        scene = self._scene
-        own = scene.grasp.tau_bias.copy()
-        mass_matrix = scene.mass_matrix()
+        world = self._world
+        bias = world.grasp.tau_bias.copy()
+        mass_matrix = world.mass_matrix()
         for i, contact in enumerate(contacts):
-            share = float(engagement[i])
+            weight = float(engagement[i])
             point, wanted = contact.point, np.zeros(3)
             if self._gains.feed_forward:
-                wanted = share * _point_acceleration(acceleration, pose, point)
-            if share > 0 and touches[i] is None:  # it has lost hold, and shall not rush back
-                rush = scene.tip_velocity(i, point) - pose.point_velocity(point)
-                wanted = wanted - share * self._gains.swing_damping * rush
-            if share < 1:
-                point, swing = self._swing(t, i)
-                wanted = wanted + (1 - share) * swing
-            M = mass_matrix[np.ix_(scene.dofs[i], scene.dofs[i])]
-            own[scene.columns[i]] += self._finger_torques(
+                wanted = weight * _point_acceleration(acceleration, pose, point)
+            if weight > 0 and touches[i] is None:  # contact lost: damp the way back to the object
+                relative_velocity = world.tip_velocity(i, point) - pose.point_velocity(point)
+                wanted = wanted - weight * self._gains.swing_damping * relative_velocity
+            if weight < 1:
+                point, swing_acceleration = self._swing(t, i)
+                wanted = wanted + (1 - weight) * swing_acceleration
+            M = mass_matrix[np.ix_(world.dofs[i], world.dofs[i])]
+            bias[world.columns[i]] += self._finger_torques(
                 i, M, point, wanted if wanted.any() else None
             )
-        return own
+        return bias
 
     def _finger_torques(self, i: int, M: Array, point: Array, wanted: Array | None) -> Array:
-        """Return the torques that move a finger's inertia, and calm its redundant joints.
+        """Return the torques that move a finger's inertia, and damp its redundant joints.
 
         Args:
             i: the finger.
             M: its inertia, shape (k, k).
             point: of the tip, shape (3,).
             wanted: acceleration of that point relative to what the finger stands on, shape (3,)
-                [m/s²]; None for no say in it.
+                [m/s²]; None leaves it uncontrolled.
         """
-        scene, gains = self._scene, self._gains
-        J = scene.side * scene.jacobian(i, point)
+        world, gains = self._world, self._gains
+        J = world.side * world.jacobian(i, point)
         J_over_M = np.linalg.solve(M, J.T).T
-        # Λ, the inertia that is felt at the point; bounded where the finger is stretched out.
-        felt = np.linalg.inv(J_over_M @ J.T + np.eye(3) / HEAVIEST)
+        # Λ, the operational-space inertia at the point; bounded at a singular configuration.
+        tip_inertia = np.linalg.inv(J_over_M @ J.T + np.eye(3) / MAX_TIP_INERTIA)
         tau = np.zeros(len(M))
         if wanted is not None:
-            tau += J.T @ (felt @ (wanted - scene.side * scene.drift(i, point)))
+            tau += J.T @ (tip_inertia @ (wanted - world.side * world.drift(i, point)))
         if len(M) > 3:  # joint motion that leaves the point where it is
-            columns = scene.columns[i]
-            q_off, q_dot = scene.q[columns] - self._q_start[columns], scene.q_dot[columns]
-            still = -M @ (gains.null_stiffness * q_off + gains.null_damping * q_dot)
-            tau += still - J.T @ (felt @ (J_over_M @ still))
+            columns = world.columns[i]
+            q_error, q_dot = world.q[columns] - self._q_start[columns], world.q_dot[columns]
+            null_torque = -M @ (gains.null_stiffness * q_error + gains.null_damping * q_dot)
+            tau += null_torque - J.T @ (tip_inertia @ (J_over_M @ null_torque))
         return tau
 
     def _swing(self, t: float, finger: int) -> tuple[Array, Array]:
         """Return the tip's centre and its wanted acceleration, for a finger off the object."""
-        gains, scene = self._gains, self._scene
-        step = self._step_of(finger, t)
-        centre, radius = scene.tip(finger)
+        gains, world = self._gains, self._world
+        swing = self._swing_of(finger, t)
+        centre, radius = world.tip(finger)
 
         def path(time: float) -> Array:
             target = self._trial.motion.at(time)
-            return target.position + target.rotation @ swing_point(step, time, radius)
+            return target.position + target.rotation @ swing_point(swing, time, radius)
 
-        before, now, after = path(t - _H), path(t), path(t + _H)
+        before, now, after = path(t - _HALF_INTERVAL), path(t), path(t + _HALF_INTERVAL)
         acceleration = (
-            (after - 2 * now + before) / _H**2
+            (after - 2 * now + before) / _HALF_INTERVAL**2
             + gains.swing_stiffness * (now - centre)
             + gains.swing_damping
-            * ((after - before) / (2 * _H) - scene.tip_velocity(finger, centre))
+            * ((after - before) / (2 * _HALF_INTERVAL) - world.tip_velocity(finger, centre))
         )
         return centre, acceleration
 
-    def _step_of(self, finger: int, t: float) -> Step:
-        """Return the finger's step that is under way at time t [s]: the first not yet over."""
-        steps = [step for step in self._trial.steps if step.release.finger == finger]
+    def _swing_of(self, finger: int, t: float) -> FingerSwing:
+        """Return the finger's swing that is under way at time t [s]: the first not yet over."""
+        swings = [swing for swing in self._trial.steps if swing.release.finger == finger]
         return next(
-            (step for step in steps if t < step.release.back + step.release.ramp), steps[-1]
+            (swing for swing in swings if t < swing.release.back + swing.release.ramp), swings[-1]
         )
 
 
-def swing_point(step: Step, t: float, radius: float) -> Array:
+def swing_point(swing: FingerSwing, t: float, radius: float) -> Array:
     """Return where a tip's centre is on its way off the object, in the object's frame, (3,) [m].
 
     Args:
-        step: the way.
+        swing: the finger's way off the object and back.
         t: [s]; before leaving and after coming back the tip presses on the surface.
         radius: of the tip [m].
     """
-    release = step.release
+    release = swing.release
     s = (t - release.leave) / (release.back - release.leave)
     along = float(smooth(s))
-    normal = (1 - along) * step.start.normal + along * step.end.normal
+    normal = (1 - along) * swing.start.normal + along * swing.end.normal
     normal = normal / np.linalg.norm(normal)
     # A point on the surface at both ends; between them the chord, off which the tip is lifted.
-    point = (1 - along) * step.start.point + along * step.end.point
+    point = (1 - along) * swing.start.point + along * swing.end.point
     x = min(max(s, 0.0), 1.0)
-    height = radius - PRESS + (step.lift + PRESS) * 64 * (x * (1 - x)) ** 3
+    height = radius - PRESS_DEPTH + (swing.lift + PRESS_DEPTH) * 64 * (x * (1 - x)) ** 3
     return point - height * normal
 
 

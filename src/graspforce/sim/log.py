@@ -1,4 +1,4 @@
-"""What a closed-loop simulation did, tick by tick, and its files."""
+"""The log of a closed-loop simulation, a row a tick, and its files."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from graspforce._util.arrays import Array, npz_bytes
 from graspforce._util.atomic import atomic_write, check_output
 from graspforce.errors import InvalidInputError, MissingExtraError
 
-ENDINGS = (".npz", ".parquet", ".csv")
+SUFFIXES = (".npz", ".parquet", ".csv")
 
 
-# A tip that moved farther than this on the object has slipped; less is creep of the contact [m].
-SLIPPED = 1e-3
+# A tip that moved farther than this on the object has slipped; below it is contact creep [m].
+SLIP_TOLERANCE = 1e-3
 
 
 class Ending(enum.Enum):
@@ -35,7 +35,7 @@ class Ending(enum.Enum):
 
 @dataclass(slots=True, eq=False)
 class Log:
-    """What T control ticks of a simulation gave, in world axes; preallocated, then trimmed.
+    """T control ticks of a simulation, in world axes; preallocated, then trimmed.
 
     Attributes:
         t: times, shape (T,) [s].
@@ -56,7 +56,7 @@ class Log:
         clearance: distance of every fingertip to the object, shape (T, n) [m]; 0 when touching.
         tau: joint torques asked for, shape (T, n_joints) [N·m].
         tau_max: the torque limits, shape (n_joints,) [N·m].
-        slip: way that every tip has slipped since it last touched, shape (T, n) [m].
+        slip: distance that every tip has slipped since contact was made, shape (T, n) [m].
         newton_steps: of the force problem (iterations of the minimum-norm SOCP), shape (T,).
         status: values of :class:`graspforce.Status`, shape (T,).
         ending: how it ended.
@@ -88,15 +88,15 @@ class Log:
 
     @classmethod
     def blank(cls, ticks: int, nq: int, n: int, tau_max: Array) -> Log:
-        """Return a log with room for T ticks of nq joint positions and n contacts.
+        """Return a log of zeros for T ticks of nq joint positions and n contacts.
 
-        What the force problems gave (c, newton_steps, status) is empty until the loop puts it in.
+        What the force problems gave (c, newton_steps, status) is empty until the loop sets it.
 
         Raises:
             InvalidInputError: more ticks than the memory holds.
         """
 
-        def room(*shape: int) -> Array:
+        def zeros(*shape: int) -> Array:
             try:
                 return np.zeros((ticks, *shape))
             except MemoryError:
@@ -105,11 +105,11 @@ class Log:
                 ) from None
 
         return cls(
-            t=room(), qpos=room(nq), position=room(3), quaternion=room(4), target_position=room(3),
-            position_error=room(), rotation_error=room(), yaw=room(), engagement=room(n),
-            force=room(n, 3), normal_force=room(n), point=room(n, 3), normal=room(n, 3),
-            clearance=room(n), tau=room(len(tau_max)), tau_max=tau_max, slip=room(n),
-            c=np.empty((0, 3 * n)), newton_steps=np.empty(0, np.int64),
+            t=zeros(), qpos=zeros(nq), position=zeros(3), quaternion=zeros(4),
+            target_position=zeros(3), position_error=zeros(), rotation_error=zeros(), yaw=zeros(),
+            engagement=zeros(n), force=zeros(n, 3), normal_force=zeros(n), point=zeros(n, 3),
+            normal=zeros(n, 3), clearance=zeros(n), tau=zeros(len(tau_max)), tau_max=tau_max,
+            slip=zeros(n), c=np.empty((0, 3 * n)), newton_steps=np.empty(0, np.int64),
             status=np.empty(0, np.int64),
         )  # fmt: skip
 
@@ -127,13 +127,13 @@ class Log:
 
     @property
     def verdict(self) -> str:
-        """How it ended, in words; held with a tip that slipped by more than 1 mm is said."""
-        slipped = self.held and float(self.slip.max()) > SLIPPED
+        """How it ended, in words: "held, but slipped" where a tip slipped by more than 1 mm."""
+        slipped = self.held and float(self.slip.max()) > SLIP_TOLERANCE
         return "held, but slipped" if slipped else self.ending.value
 
     @property
     def torque_use(self) -> float:
-        """The largest share of its limit that any joint torque took; above 1 is over."""
+        """The largest share of its limit that any joint torque took; above 1 exceeds it."""
         return float((np.abs(self.tau) / self.tau_max).max())
 
     @property
@@ -175,8 +175,8 @@ class Log:
         with atomic_write(path) as temporary:
             if suffix == ".npz":
                 arrays = {name: getattr(self, name) for name in (*_PER_TICK, "tau_max")}
-                words: dict[str, Any] = {"ending": self.ending.name, "message": self.message}
-                temporary.write_bytes(npz_bytes(arrays | words))
+                texts: dict[str, Any] = {"ending": self.ending.name, "message": self.message}
+                temporary.write_bytes(npz_bytes(arrays | texts))
             elif suffix == ".parquet":
                 arrow, parquet = _pyarrow()
                 about = {"ending": self.ending.name, "message": self.message}
@@ -211,7 +211,7 @@ def check_log_file(path: Path) -> None:
         InvalidInputError: another ending, or a place that ``files.check_output`` refuses.
         MissingExtraError: a .parquet without pyarrow.
     """
-    check_output(path, ENDINGS)
+    check_output(path, SUFFIXES)
     if path.suffix.lower() == ".parquet":
         _pyarrow()
 

@@ -1,7 +1,7 @@
 """Building blocks of the scenes' models, as ``mujoco.MjSpec``.
 
-The contact settings with which a grasp holds in MuJoCo are here, at one place: its defaults are
-too soft for a hand, and let an object creep out of it.
+All contact settings are here: MuJoCo's defaults are too soft for a grasp, and let an object creep
+out of it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from graspforce._util.arrays import Array
 from graspforce.hands.paper import PaperHand
-from graspforce.sim.engine import mj
+from graspforce.sim.mujoco_import import mj
 from graspforce.sim.trial import Finger
 
 TIP_RADIUS = 0.004  # of the paper's hand [m]
@@ -29,16 +29,16 @@ GREY, DARK, TIP = (0.62, 0.66, 0.70, 1.0), (0.27, 0.31, 0.36, 1.0), (0.13, 0.15,
 WOOD = (0.87, 0.68, 0.42, 1.0)
 
 
-def stage(name: str, gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Any:
-    """Return an empty scene with light, camera and the contact solver's settings."""
+def new_spec(name: str, gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Any:
+    """Return a model without bodies, with light and the contact solver's settings."""
     spec = mj.MjSpec()
-    dress(spec, name)
+    apply_settings(spec, name)
     spec.option.gravity = gravity
     return spec
 
 
-def dress(spec: Any, name: str) -> None:
-    """Give a scene light, a look and the contact solver's settings."""
+def apply_settings(spec: Any, name: str) -> None:
+    """Set a model's light, background and contact solver."""
     spec.modelname = name
     option = spec.option
     option.timestep = 0.001
@@ -46,9 +46,9 @@ def dress(spec: Any, name: str) -> None:
     option.cone = mj.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 100
     option.noslip_iterations = 3
-    # MuJoCo 4.0.0's Newton solver errs with sparse Jacobians; models of this size gain nothing.
+    # MuJoCo 4.0.0's Newton solver errs with sparse Jacobians, which save no time at this size.
     option.jacobian = mj.mjtJacobian.mjJAC_DENSE
-    # A run that diverges has to be seen, not started again from its first pose.
+    # Divergence has to be reported, not reset to the first pose.
     option.disableflags |= int(mj.mjtDisableBit.mjDSBL_AUTORESET)
     spec.visual.headlight.ambient = (0.45, 0.45, 0.45)
     spec.visual.headlight.diffuse = (0.5, 0.5, 0.5)
@@ -72,8 +72,8 @@ def grip_surface(mu: float) -> dict[str, Any]:
     }
 
 
-def touching(kind: str) -> dict[str, int]:
-    """Return the contact bits of a "robot" or an "object"; anything else touches nothing."""
+def contact_bits(kind: str) -> dict[str, int]:
+    """Return the contact bits of a "robot" or an "object"; any other kind has no contacts."""
     bits = {"robot": (_ROBOT, _OBJECT), "object": (_OBJECT, _ROBOT)}.get(kind, (0, 0))
     return {"contype": bits[0], "conaffinity": bits[1]}
 
@@ -90,13 +90,13 @@ def paper_hand(spec: Any, hand: PaperHand, mu: float) -> tuple[Finger, ...]:
     """Add the paper's hand, built of primitives from its dimensions; return its fingers.
 
     The palm is the plane z = 0. The paper's links are massless; these weigh 20 g each, so that
-    the physics has something to move.
+    the mass matrix is regular.
     """
     world = spec.worldbody
     half = hand.half_width
     world.add_geom(
         name="palm", type=mj.mjtGeom.mjGEOM_BOX, size=(half, half, 0.005), pos=(0, 0, -0.007),
-        rgba=GREY, **touching("robot"),
+        rgba=GREY, **contact_bits("robot"),
     )  # fmt: skip
     up = np.array([0.0, 0.0, 1.0])
     fingers: list[Finger] = []
@@ -115,7 +115,7 @@ def paper_hand(spec: Any, hand: PaperHand, mu: float) -> tuple[Finger, ...]:
         distal.add_geom(
             name=f"tip{i + 1}", type=mj.mjtGeom.mjGEOM_SPHERE, size=(TIP_RADIUS, 0, 0),
             pos=(0, 0, hand.link), mass=_TIP_MASS, rgba=TIP, **grip_surface(mu),
-            **touching("robot"),
+            **contact_bits("robot"),
         )  # fmt: skip
         for name in names:
             motor(spec, name, hand.tau_max)
@@ -130,7 +130,7 @@ def _hinge(body: Any, name: str, axis: Array) -> None:
 def _link(body: Any, length: float) -> None:
     body.add_geom(
         type=mj.mjtGeom.mjGEOM_CAPSULE, fromto=(0, 0, 0, 0, 0, length), size=(_LINK_RADIUS, 0, 0),
-        mass=_LINK_MASS, rgba=GREY, **touching("nothing"),
+        mass=_LINK_MASS, rgba=GREY, **contact_bits("nothing"),
     )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
-"""Stills and videos of a simulation, drawn again from its log.
+"""Stills and videos of a simulation, drawn from its log.
 
-Every contact gets its friction cone and, in it, the force that the physics gave: what a fingertip
-exerts on the object, which is drawn translucent, or the ground on a foot.
+Every contact is drawn with its friction cone and the force in the physics: what a fingertip exerts
+on the object, which is translucent, or the ground on a foot.
 
 Drawing is offscreen, by EGL where ``MUJOCO_GL`` does not say otherwise.
 """
@@ -30,20 +30,20 @@ from graspforce._util.arrays import Array
 from graspforce._util.atomic import atomic_write, check_output
 from graspforce.contact import FPC, Contact
 from graspforce.errors import InvalidInputError, MissingExtraError
-from graspforce.sim.engine import mj, no_opengl
 from graspforce.sim.log import Log
+from graspforce.sim.mujoco_import import mj, no_opengl_error
 from graspforce.sim.trial import Trial
 
 STILLS = (".png",)
 VIDEOS = (".mp4", ".gif")
 
-FRAME_RATE = 25.0  # of a film, which runs at the speed of the world [1/s]
+FRAME_RATE = 25.0  # of a video, which plays in real time [1/s]
 
 Image = NDArray[np.uint8]
 
 _CONE = (0.0, 0.45, 0.70, 0.28)
 _FORCE = (0.84, 0.37, 0.0, 1.0)
-_OBJECT = 0.45  # at the most opaque
+_OBJECT_OPACITY = 0.45  # at most
 _FACETS = 32
 
 
@@ -66,9 +66,11 @@ class Camera:
         self._trial, self._log = trial, log
         self._model: Any = copy.copy(trial.model)
         self._model.vis.global_.offwidth, self._model.vis.global_.offheight = width, height
-        if trial.ground is None:  # so that the cones and forces in the object are seen
+        if trial.ground is None:  # so that cones and forces inside the object are visible
             held = self._model.geom_bodyid == self._model.body(trial.body).id
-            self._model.geom_rgba[held, 3] = np.minimum(self._model.geom_rgba[held, 3], _OBJECT)
+            self._model.geom_rgba[held, 3] = np.minimum(
+                self._model.geom_rgba[held, 3], _OBJECT_OPACITY
+            )
         self._data = mj.MjData(self._model)
         self._gl, self._context = _open_gl(self._model)
         self._scene = mj.MjvScene(self._model, maxgeom=2000)
@@ -89,7 +91,7 @@ class Camera:
         self.close()
 
     def close(self) -> None:
-        """Give the OpenGL context back."""
+        """Free the OpenGL context."""
         self._context.free()
         self._gl.free()
 
@@ -98,8 +100,8 @@ class Camera:
         model, data = self._model, self._data
         data.qpos[:] = self._log.qpos[tick]
         mj.mj_forward(model, data)
-        every = mj.mjtCatBit.mjCAT_ALL.value
-        mj.mjv_updateScene(model, data, self._options, None, self._view, every, self._scene)
+        categories = mj.mjtCatBit.mjCAT_ALL.value
+        mj.mjv_updateScene(model, data, self._options, None, self._view, categories, self._scene)
         for finger in np.flatnonzero(self._log.engagement[tick] > 0):
             self._draw_contact(tick, int(finger))
         pixels = np.empty((self._rectangle.height, self._rectangle.width, 3), np.uint8)
@@ -120,7 +122,7 @@ class Camera:
             self._triangle(point, one, other)
         if np.linalg.norm(force) * self._length > 1e-3 * length:
             arrow = self._new_geom(mj.mjtGeom.mjGEOM_ARROW, _FORCE)
-            arrow.emission = 0.4  # seen in the shade, too
+            arrow.emission = 0.4  # visible in the shade, too
             # MuJoCo draws an arrow half as long as it is told.
             end = point + 2 * self._length * force
             mj.mjv_connector(arrow, mj.mjtGeom.mjGEOM_ARROW, 0.06 * length, point, end)
@@ -197,7 +199,7 @@ def save_video(
 
 
 def check_video_file(path: str | Path) -> None:
-    """Make sure, before any long work, that a film can be written to ``path``.
+    """Make sure, before any long work, that a video can be written to ``path``.
 
     Raises:
         InvalidInputError: another ending than .mp4 or .gif, or a place that
@@ -217,10 +219,10 @@ def _write_gif(path: Path, images: Iterator[Image]) -> None:
 
 
 def _write_mp4(path: Path, images: Iterator[Image]) -> None:
-    """Write a film with ffmpeg; imageio's writer does not tell when it fails, as on a full disk.
+    """Write a video with ffmpeg; imageio's writer does not report failures such as a full disk.
 
     Raises:
-        OSError: ffmpeg failed; the text is what it said first.
+        OSError: ffmpeg failed; the text is its first line of stderr.
     """
     first = next(images)
     height, width, _ = first.shape
@@ -230,8 +232,8 @@ def _write_mp4(path: Path, images: Iterator[Image]) -> None:
         "-c:v", "libx264", "-crf", "10", "-pix_fmt", "yuv420p", f"file:{path}",
     ]  # fmt: skip
     with (
-        tempfile.TemporaryFile() as said,
-        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said) as process,
+        tempfile.TemporaryFile() as stderr,
+        subprocess.Popen(command, stdin=subprocess.PIPE, stderr=stderr) as process,
     ):
         pipe: Any = process.stdin
         try:
@@ -239,13 +241,13 @@ def _write_mp4(path: Path, images: Iterator[Image]) -> None:
                 pipe.write(image.tobytes())
             pipe.close()
         except BrokenPipeError:
-            pass  # it has ended, and said why
+            pass  # ffmpeg has ended; its stderr is read below
         except BaseException:
             process.kill()
             raise
         if process.wait() != 0:
-            said.seek(0)
-            text = said.read().decode(errors="replace").strip() or "it said nothing"
+            stderr.seek(0)
+            text = stderr.read().decode(errors="replace").strip() or "no output on stderr"
             reason = re.sub(r"^\[.*?\] ", "", text.splitlines()[0])
             raise OSError(errno.EIO, f"ffmpeg failed: {reason}")
 
@@ -257,7 +259,7 @@ def _size(trial: Trial) -> float:
 
 
 def _open_gl(model: Any) -> tuple[Any, Any]:
-    """Return an OpenGL context, whichever way this machine has one, and MuJoCo's in it."""
+    """Return an OpenGL context and MuJoCo's rendering context in it."""
     size = model.vis.global_
     wanted = os.environ.get("MUJOCO_GL", "").lower() or (
         "egl" if platform.system() == "Linux" else ""
@@ -269,8 +271,8 @@ def _open_gl(model: Any) -> tuple[Any, Any]:
         gl: Any = module.GLContext(size.offwidth, size.offheight)
         gl.make_current()
         context: Any = mj.MjrContext(model, mj.mjtFontScale.mjFONTSCALE_100.value)
-    except Exception as error:  # what a missing driver raises differs with each platform
-        raise no_opengl(wanted, error) from error
+    except Exception as error:  # the exceptions of a missing driver differ by platform
+        raise no_opengl_error(wanted, error) from error
     mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
     return gl, context
 

@@ -1,9 +1,9 @@
-"""What a closed-loop simulation is made of, as data: robot, grips, motion, steps, gains.
+"""A closed-loop simulation as data: robot, grips, motion, swings, gains, disturbance.
 
-A :class:`Trial` says everything that :func:`graspforce.sim.run` needs; nothing happens in it.
-Hands and legs are the same to it. A hand's fingers push on a free object, and the object's pose
-is what is controlled. A robot's feet push on the ground, the ground pushes back, and the trunk is
-the "object" that the contact forces carry.
+A :class:`Trial` holds everything that :func:`graspforce.sim.run` needs, and runs nothing itself.
+Hands and legs are treated alike. A hand's fingers push on a free object, and the object's pose
+is controlled. A robot's feet push on the ground, the ground pushes back, and the trunk is the
+"object" that the contact forces carry.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from graspforce._util.arrays import Array, as_array, as_positive
 from graspforce.contact import FPC, Contact
 from graspforce.errors import InvalidInputError
 from graspforce.regrasp import Release, Schedule
-from graspforce.sim.disturbance import Disturbance
-from graspforce.sim.engine import mj
+from graspforce.sim.mujoco_import import mj
 from graspforce.trajectory import Motion
 
 Method: TypeAlias = Literal["wbf", "minimum_norm"]
@@ -58,11 +57,11 @@ class Grip:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
-    """One finger's way off the object and back on it.
+class FingerSwing:
+    """One finger's way off the object and back to it.
 
     Args:
-        release: which finger, when it has let go, when it touches again, the ramps between.
+        release: which finger, when it leaves, when it touches again, and the ramps.
         start: where it leaves the object.
         end: where it comes back.
         lift: how far the tip moves away from the surface halfway [m].
@@ -83,7 +82,7 @@ class Gains:
         object_damping: [1/s].
         swing_stiffness: of a fingertip off the object [1/s²].
         swing_damping: [1/s].
-        null_stiffness: of a finger's redundant motion about its first posture [1/s²].
+        null_stiffness: of a finger's redundant motion about its joint angles at the start [1/s²].
         null_damping: [1/s].
         feed_forward: whether the torques that move the fingers' own inertia are added.
     """
@@ -97,29 +96,78 @@ class Gains:
     feed_forward: bool = True
 
 
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A force on the object's centre of mass, half a sine in time.
+
+    Args:
+        force: at its peak, world axes, x, y, z [N].
+        start: [s].
+        duration: [s].
+    """
+
+    force: tuple[float, float, float]
+    start: float
+    duration: float
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """Everything that the controller's model leaves out; the default is nothing.
+
+    Args:
+        pushes: forces on the object.
+        payload: factor on the object's mass and inertia from ``payload_time`` on.
+        payload_time: [s].
+        position_noise: standard deviation of every coordinate of the object's measured position
+            and of the measured contact points [m].
+        angle_noise: of the measured orientation, about every axis [rad].
+        velocity_noise: of the measured velocity [m/s].
+        rate_noise: of the measured angular velocity [rad/s].
+        delay: control ticks between measuring and the torques that follow from it.
+        seed: of the noise.
+    """
+
+    pushes: tuple[Push, ...] = ()
+    payload: float = 1.0
+    payload_time: float = 0.0
+    position_noise: float = 0.0
+    angle_noise: float = 0.0
+    velocity_noise: float = 0.0
+    rate_noise: float = 0.0
+    delay: int = 0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.payload <= 0:
+            raise InvalidInputError(f"payload: got {self.payload}, expected more than 0")
+        if self.delay < 0:
+            raise InvalidInputError(f"delay: got {self.delay}, expected 0 ticks or more")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
     """A closed-loop simulation, ready to run.
 
     Args:
         name: short, a word or two.
-        summary: one line for people.
+        summary: one line.
         model: a compiled ``mujoco.MjModel``; a run works on a copy.
         start: joint positions at time 0, shape (nq,).
         fingers: n of them; finger i makes contact i.
         grips: where they touch at time 0, in the object's frame.
         motion: wanted motion of the object's centre of mass, and its yaw.
-        steps: when fingers leave and come back.
+        steps: the fingers' swings, when they leave and come back.
         body: the object, or the trunk of a robot on feet.
         ground: the geom that the feet stand on; None for a hand that holds ``body``.
-        mu: the coefficient of friction that the controller counts on [-].
+        mu: the coefficient of friction that the controller assumes [-].
         alpha: weight of the linear limits, Eq. (16).
-        c_max: ceiling of every normal force [N]; needed with steps.
+        c_max: ceiling of every normal force [N]; required with steps.
         turning_friction: torque that resists the object's yaw, such as a thread's [N·m]; the
-            fingers make up for it while the motion turns.
-        method: who distributes the forces, the WBF servo or a minimum-norm SOCP.
+            controller compensates it while the motion turns.
+        method: what distributes the forces, the WBF servo or a minimum-norm SOCP.
         gains: of the control law.
-        disturbance: what the controller is not told.
+        disturbance: what the controller's model leaves out.
         rate: control ticks a second [Hz]; the physics' step has to fit in a whole number of times.
         duration: [s].
 
@@ -135,7 +183,7 @@ class Trial:
     fingers: tuple[Finger, ...]
     grips: tuple[Grip, ...]
     motion: Motion
-    steps: tuple[Step, ...] = ()
+    steps: tuple[FingerSwing, ...] = ()
     body: str = "object"
     ground: str | None = None
     mu: float = 0.5

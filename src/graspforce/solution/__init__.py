@@ -1,7 +1,7 @@
-"""What a solve found: the forces, the verdict, and the means to check both.
+"""The result of a solve: the forces, the status, and the means to check both.
 
-A :class:`Solution` trusts nobody: residuals and margins are computed, when asked for, from the
-problem's data and the forces alone, never from what the solver claims.
+Residuals and margins of a :class:`Solution` are computed, when asked for, from the problem's data
+and the forces alone, never from values that the solver returned.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from graspforce import equations
 from graspforce._engine import native
 from graspforce._engine.layout import Layout
 from graspforce._engine.outcome import Outcome, PlainOutcome, Start, Status, TickOutcome
-from graspforce._util.arrays import Array, require_instance, signless
+from graspforce._util.arrays import Array, hash_bytes, require_instance
 from graspforce.certificate import Certificate
 from graspforce.contact import UNIT_TOLERANCE
 from graspforce.errors import GraspForceError, InvalidInputError
@@ -104,7 +104,7 @@ class Solution(native.SolutionBase):
 
     @property
     def start(self) -> Start:
-        """Where the Newton steps that led to c set out from."""
+        """The start of the Newton steps that led to c."""
         return Start(self._outcome.start)
 
     @property
@@ -232,7 +232,7 @@ class Solution(native.SolutionBase):
         """Margins mu n − ‖tangential force‖, shape (n,) [N]; negative where a contact slips.
 
         FPC: the normal force. SFC: the torsion counts as (mu/gamma)·torsion. A contact that is
-        out of the grasp has none to lose: inf.
+        out of the grasp has no margin: inf.
         """
         margins = equations.friction_margins(self.c, self.problem.cones)
         return np.where(self.problem.active, margins, np.inf)
@@ -248,7 +248,7 @@ class Solution(native.SolutionBase):
     def torque_margins(self) -> Array:
         """Distance of every joint torque to its nearer limit, shape (n_joints,) [N·m].
 
-        A joint that feels only contacts that are out of the grasp has left with them: inf.
+        A joint that acts only on contacts out of the grasp does not count: inf.
         """
         problem, tau = self.problem, self.tau
         margins = equations.torque_margins(tau, problem.tau_lo, problem.tau_hi)
@@ -304,7 +304,7 @@ class Solution(native.SolutionBase):
         )
 
     def __hash__(self) -> int:
-        return hash((self.status, signless(self.c)))
+        return hash((self.status, hash_bytes(self.c)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         raw = self._outcome

@@ -2,7 +2,7 @@
 
 Logs, sweeps, comparisons, tables and files of results take their numbers from here. What a
 :class:`Solution` computes from its problem's data is computed for all problems of one layout at
-once; a problem with a contact out of the grasp asks its own Solution.
+once; a problem with a contact out of the grasp is computed by its own Solution.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from graspforce.equations import Barriers, Cones
 from graspforce.problem import all_limits, soft_rows
 from graspforce.solution import Solution
 
-# Solutions that are computed together, at most: what bounds the memory for their limits.
+# Most solutions computed together; bounds the memory for their limits.
 _CHUNK = 4096
 
 

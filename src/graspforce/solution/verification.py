@@ -1,8 +1,8 @@
-"""What an answer is worth: its residuals once more, from the problem's data alone, in NumPy.
+"""Check of a result: its residuals recomputed from the problem's data alone, in NumPy.
 
-Nothing here believes a solver. SOLVED and the bound on the decrement are judged by the forces,
-INFEASIBLE by its certificate, WRENCH_UNREACHABLE by the range of W, UNBOUNDED by forces that are
-looked for anew, the others by what their forces and numbers claim.
+No residual of the solver is used. SOLVED and the bound on the decrement are checked by
+the forces, INFEASIBLE by its certificate, WRENCH_UNREACHABLE by the range of W, UNBOUNDED by a new
+search for large forces; the other statuses only by the finiteness of their numbers and the bound.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from graspforce.reference.phase_one import find_inside
 
 # SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
 WRENCH_TOLERANCE = 1e-9
-# A certified bound may be passed by this part of itself.
+# Relative tolerance of a certified bound.
 BOUND_TOLERANCE = 1e-6
-# Newton steps after which no forces out of all proportion to the limits are expected any more.
-MOST_STEPS = 200
+# Most Newton steps of the search for forces that show UNBOUNDED.
+MAX_SEARCH_STEPS = 200
 
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """What :meth:`Solution.verify` recomputed from the data, and whether it bears out the status.
+    """What :meth:`Solution.verify` recomputed from the data, and whether it confirms the status.
 
     Attributes:
         ok: the numbers below confirm the status; :meth:`Solution.verify` says what that takes.
@@ -50,14 +50,14 @@ class Verification:
 
 
 def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
-    """Judge what a solver says of a problem; see :meth:`graspforce.Solution.verify`.
+    """Check a solver's result for a problem; see :meth:`graspforce.Solution.verify`.
 
     Args:
         outcome: its status, forces, multipliers, bound, violation and certificate.
-        problem: what it was asked.
+        problem: the problem that it solved.
     """
-    kept = problem.active_components
-    inner, whole, c = problem.restricted(), outcome.c, outcome.c[kept]
+    active = problem.active_components
+    inner, whole, c = problem.restricted(), outcome.c, outcome.c[active]
     barriers = inner.barriers
     with np.errstate(all="ignore"):
         friction = float(equations.friction_margins(c, barriers.cones).min(initial=math.inf))
@@ -67,35 +67,35 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
         if inside:
             decrement, error = equations.decrement_and_error(c, inner.equalities[0], barriers)
         bounded = decrement <= (1 + BOUND_TOLERANCE) * outcome.decrement + error
-        sound = (
-            np.isfinite(whole).all() and np.isfinite(outcome.nu).all() and not whole[~kept].any()
+        well_formed = (
+            np.isfinite(whole).all() and np.isfinite(outcome.nu).all() and not whole[~active].any()
         )
-        holds = _proved(outcome, problem)
+        holds = _certificate_holds(outcome, problem)
         match Status(outcome.status):
             case Status.SOLVED:
-                ok = inside and _balanced(whole, problem)
+                ok = inside and _is_balanced(whole, problem)
             case Status.INFEASIBLE:
                 scales = inner.violation_scales()
-                ok = bool(holds) and _admitted(c, barriers, scales, outcome.violation)
+                ok = bool(holds) and _within_violation(c, barriers, scales, outcome.violation)
             case Status.WRENCH_UNREACHABLE:
                 ok = not equations.wrench_reachable(*inner.equalities)
             case Status.UNBOUNDED:
-                ok = not problem.has_limits or _boundless(inner)
+                ok = not problem.has_limits or _is_unbounded(inner)
             case Status.MAX_STEPS | Status.STALLED:
                 ok = True
             case Status.INVALID_NUMBERS:
                 ok = equations.may_overflow(problem.packed)
         wrench_error = float(equations.wrench_error(whole, problem.W, problem.f))
     return Verification(
-        bool(ok and bounded and sound), wrench_error, friction, limits, decrement, holds
+        bool(ok and bounded and well_formed), wrench_error, friction, limits, decrement, holds
     )
 
 
-def _balanced(c: Array, problem: ForceProblem) -> bool:
+def _is_balanced(c: Array, problem: ForceProblem) -> bool:
     return bool(equations.relative_wrench_error(c, *problem.equalities) <= WRENCH_TOLERANCE)
 
 
-def _proved(outcome: Outcome, problem: ForceProblem) -> bool | None:
+def _certificate_holds(outcome: Outcome, problem: ForceProblem) -> bool | None:
     """Whether the certificate holds; None without one."""
     y, z = outcome.y, outcome.z
     if y is None or z is None:
@@ -103,7 +103,9 @@ def _proved(outcome: Outcome, problem: ForceProblem) -> bool | None:
     return Certificate(y, z[problem.counted_limits()]).proves_infeasible(problem)
 
 
-def _admitted(c: Array, barriers: Barriers, scales: tuple[Array, Array], violation: float) -> bool:
+def _within_violation(
+    c: Array, barriers: Barriers, scales: tuple[Array, Array], violation: float
+) -> bool:
     """Whether cones and limits that are moved out by a relative violation admit the forces."""
     A, b = np.abs(barriers.A), np.abs(barriers.b)
     rounding = 64 * np.finfo(float).eps * ((A @ np.abs(c) + b) / scales[0]).max(initial=0.0)
@@ -111,10 +113,10 @@ def _admitted(c: Array, barriers: Barriers, scales: tuple[Array, Array], violati
     return bool(found <= (1 + BOUND_TOLERANCE) * violation + rounding)
 
 
-def _boundless(problem: ForceProblem) -> bool:
-    """Whether forces strictly inside all limits are 1e6 times what the limits are made for.
+def _is_unbounded(problem: ForceProblem) -> bool:
+    """Whether forces strictly inside all limits exist 1e6 times above the limits' own scale.
 
-    They are looked for with the sum of the normal forces given, as a row of W c = f more.
+    The search fixes the sum of the normal forces by one more row of W c = f.
 
     Args:
         problem: every contact in the grasp.
@@ -126,12 +128,12 @@ def _boundless(problem: ForceProblem) -> bool:
     normals[problem.starts[:-1]] = 1.0
     f_soft = np.append(problem.f_soft, 0.0) if problem.layout.soft_wrench else None
     W, f = np.vstack((problem.W, normals)), np.append(problem.f, total)
-    far = problem.replace(W=W, f=f, f_soft=f_soft)
+    scaled = problem.replace(W=W, f=f, f_soft=f_soft)
     try:
-        if not all(equations.wrench_reachable(*each.equalities) for each in (problem, far)):
+        if not all(equations.wrench_reachable(*each.equalities) for each in (problem, scaled)):
             return False
-        c_p, N = equations.particular_and_nullspace(*far.equalities)
-        found = find_inside(far, N, c_p, MOST_STEPS)
+        c_p, N = equations.particular_and_nullspace(*scaled.equalities)
+        found = find_inside(scaled, N, c_p, MAX_SEARCH_STEPS)
     except np.linalg.LinAlgError:
         return False
-    return found.inside and _balanced(found.c, far)
+    return found.inside and _is_balanced(found.c, scaled)

@@ -50,5 +50,5 @@ def get(name: str, **overrides: Any) -> tuple[Trial, ...]:
         example: object = valid[key].default
         if not isinstance(value, int | float if isinstance(example, float) else type(example)):
             raise InvalidInputError(f"{key}: got {value!r}, expected such as {example!r}")
-    made = factory(**overrides)
-    return (made,) if isinstance(made, Trial) else made
+    trials = factory(**overrides)
+    return (trials,) if isinstance(trials, Trial) else trials

@@ -1,4 +1,4 @@
-"""An Allegro hand that holds and moves a sphere, a box and a cylinder, whichever way is down.
+"""An Allegro hand that holds and moves a sphere, a box and a cylinder, under five gravities.
 
 Three fingertips lie on top of the object, the thumb's below it. The object is held, moved by 1 cm,
 and held again.
@@ -13,10 +13,10 @@ import numpy as np
 
 from graspforce._util.arrays import Array
 from graspforce.sim import parts
-from graspforce.sim.allegro import TIP_RADIUS, allegro_hand
-from graspforce.sim.engine import mj
+from graspforce.sim.allegro_hand import TIP_RADIUS, allegro_hand
+from graspforce.sim.mujoco_import import mj
 from graspforce.sim.reach import reach
-from graspforce.sim.scenes.choice import chosen
+from graspforce.sim.scenes.selection import select
 from graspforce.sim.trial import Grip, Trial
 from graspforce.trajectory import Move
 
@@ -31,7 +31,7 @@ GRAVITIES: dict[str, tuple[str, tuple[float, float, float]]] = {
     "sideways": ("little finger down", (0.0, 9.81, 0.0)),
 }
 
-# A posture from which the search for the joint angles starts.
+# The start of the inverse kinematics [rad].
 _GUESS = np.array([*([-0.1, 0.55, 0.8, 0.75] * 3), 1.1, 1.0, 0.9, 0.95])
 
 
@@ -58,14 +58,14 @@ def allegro(
         InvalidInputError: an unknown shape or gravity.
     """
     return tuple(
-        _trial(each, words, direction, alpha, mu, way, rate)
-        for each in chosen(shape, dict.fromkeys(("sphere", "box", "cylinder")), "shape")
-        for words, direction in chosen(gravity, GRAVITIES, "gravity").values()
+        _trial(each, description, direction, alpha, mu, way, rate)
+        for each in select(shape, dict.fromkeys(("sphere", "box", "cylinder")), "shape")
+        for description, direction in select(gravity, GRAVITIES, "gravity").values()
     )
 
 
 def _trial(
-    shape: str, words: str, gravity: tuple[float, float, float],
+    shape: str, description: str, gravity: tuple[float, float, float],
     alpha: float, mu: float, way: float, rate: float,
 ) -> Trial:  # fmt: skip
     spec, fingers = allegro_hand(f"allegro {shape}", mu)
@@ -74,7 +74,7 @@ def _trial(
     body.add_freejoint(name="object")
     body.add_geom(
         name=shape, mass=MASS, rgba=parts.WOOD, **_geometry(shape), **parts.grip_surface(mu),
-        **parts.touching("object"),
+        **parts.contact_bits("object"),
     )  # fmt: skip
     parts.camera(spec, (0.45, 0.27, 0.2), (0.05, -0.005, 0.015))
     model = spec.compile()
@@ -83,7 +83,7 @@ def _trial(
     start[:16] = _GUESS
     targets = [CENTRE + grip.point - TIP_RADIUS * grip.normal for grip in grips]
     return Trial(
-        name=f"{shape}, {words}",
+        name=f"{shape}, {description}",
         summary="an Allegro hand holds an object and moves it by 1 cm",
         model=model, start=reach(model, start, fingers, targets), fingers=fingers, grips=grips,
         motion=Move(CENTRE, np.array([0.0, way, 0.0]), begin=0.3, duration=0.7),

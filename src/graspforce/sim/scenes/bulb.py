@@ -1,9 +1,8 @@
 """A light bulb screwed into its socket, finger by finger (Section III-C.3).
 
-The socket hangs overhead, the paper's hand reaches up from below, one finger after the other lets
-go, goes back and takes hold again while the others keep turning. The bulb is free in all six
-directions but for its thread, which ties the way up to the turn and resists it: nothing but the
-fingers keeps it upright and in the middle.
+The socket is above the paper's hand. One finger after the other leaves, returns and makes contact
+again while the others keep turning. The bulb has all six degrees of freedom; its thread couples the
+advance to the turn and resists it, and the fingers alone keep the bulb upright and centred.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from graspforce._util.arrays import Array
 from graspforce.hands.paper import PaperHand
 from graspforce.regrasp import Release
 from graspforce.sim import parts
-from graspforce.sim.engine import mj
-from graspforce.sim.trial import Gains, Grip, Step, Trial
+from graspforce.sim.mujoco_import import mj
+from graspforce.sim.trial import FingerSwing, Gains, Grip, Trial
 from graspforce.trajectory import Screw
 
 HAND = PaperHand("radial")
@@ -27,7 +26,7 @@ MASS = 0.05  # [kg]
 PITCH = 0.00362  # of an E27 thread [m]
 CENTRE = np.array([0.0, 0.0, 0.105])
 
-# The order in which fingers step: each is followed by the one opposite.
+# The order in which fingers swing: each is followed by the one opposite.
 _ORDER = (0, 2, 1, 3)
 
 
@@ -49,7 +48,7 @@ def bulb(
         alpha: weight of the linear limits against the friction cones.
         turn: how far the bulb is turned [°].
         rate_of_turn: [°/s].
-        cycle: the time in which every finger steps once [s].
+        cycle: the time in which every finger swings once [s].
         thread_torque: with which the thread resists turning [N·m].
         mu: coefficient of friction between fingertip and glass [-].
         c_max: ceiling of every normal force [N].
@@ -57,9 +56,9 @@ def bulb(
         rate: control ticks a second [Hz].
     """
     motion = Screw(CENTRE, math.radians(turn), math.radians(rate_of_turn), ramp=0.4, pitch=PITCH)
-    steps = _steps(motion, cycle, lift)
-    grips = tuple(_first_grip(finger, steps) for finger in range(4))
-    spec = parts.stage("bulb")
+    swings = _swings(motion, cycle, lift)
+    grips = tuple(_first_grip(finger, swings) for finger in range(4))
+    spec = parts.new_spec("bulb")
     fingers = parts.paper_hand(spec, HAND, mu)
     _add_bulb(spec, mu, thread_torque)
     parts.camera(spec, (0.36, -0.36, 0.20), (0.0, 0.0, 0.088), angle=27)
@@ -71,15 +70,15 @@ def bulb(
     return Trial(
         name="bulb",
         summary=f"a light bulb screwed in by {turn:g}°",
-        model=model, start=start, fingers=fingers, grips=grips, motion=motion, steps=steps,
+        model=model, start=start, fingers=fingers, grips=grips, motion=motion, steps=swings,
         mu=mu, alpha=alpha, c_max=c_max, rate=rate, duration=motion.duration + 0.3,
         turning_friction=thread_torque,
         gains=Gains(object_stiffness=2500.0, object_damping=100.0),
     )  # fmt: skip
 
 
-def _steps(motion: Screw, cycle: float, lift: float) -> tuple[Step, ...]:
-    """Return every step of every finger until the bulb is in.
+def _swings(motion: Screw, cycle: float, lift: float) -> tuple[FingerSwing, ...]:
+    """Return every swing of every finger until the bulb is in.
 
     A finger sweeps about its own direction from the palm's centre, as far to one side as to the
     other, and is away for an eighth of the cycle.
@@ -87,23 +86,25 @@ def _steps(motion: Screw, cycle: float, lift: float) -> tuple[Step, ...]:
     slot, swing = cycle / 4, cycle / 8
     ramp = 0.45 * (slot - swing)
     sweep = motion.rate * (cycle - swing)
-    steps: list[Step] = []
-    at: dict[int, float] = {}  # where each finger holds, as an angle on the bulb
+    swings: list[FingerSwing] = []
+    contact_angles: dict[int, float] = {}  # of each finger's contact, as an angle on the bulb
     number = 0
     while (leave := motion.ramp + number * slot + ramp) + swing + ramp < motion.duration:
         finger, back = _ORDER[number % 4], leave + swing
         home = finger * math.pi / 2
-        start = at.get(finger, home + sweep / 2 - motion.at(leave).yaw)
+        start = contact_angles.get(finger, home + sweep / 2 - motion.at(leave).yaw)
         end = home - sweep / 2 - motion.at(back).yaw
-        steps.append(Step(Release(finger, leave, back, ramp), _grip(start), _grip(end), lift))
-        at[finger] = end
+        swings.append(
+            FingerSwing(Release(finger, leave, back, ramp), _grip(start), _grip(end), lift)
+        )
+        contact_angles[finger] = end
         number += 1
-    return tuple(steps)
+    return tuple(swings)
 
 
-def _first_grip(finger: int, steps: tuple[Step, ...]) -> Grip:
-    """Return where a finger holds until its first step; where it stands, when it has none."""
-    starts = (step.start for step in steps if step.release.finger == finger)
+def _first_grip(finger: int, swings: tuple[FingerSwing, ...]) -> Grip:
+    """Return a finger's contact until its first swing; at its own direction when it has none."""
+    starts = (swing.start for swing in swings if swing.release.finger == finger)
     return next(starts, _grip(finger * math.pi / 2))
 
 
@@ -129,22 +130,22 @@ def _add_bulb(spec: Any, mu: float, thread_torque: float) -> None:
     thread.data[:2] = (0.0, PITCH / (2 * math.pi))
     body.add_geom(
         name="globe", type=mj.mjtGeom.mjGEOM_SPHERE, size=(RADIUS, 0, 0), mass=MASS, rgba=glass,
-        **parts.grip_surface(mu), **parts.touching("object"),
+        **parts.grip_surface(mu), **parts.contact_bits("object"),
     )  # fmt: skip
-    # What no finger touches is a body of its own: pictures leave it as opaque as it is here.
+    # What no finger touches is a body of its own: only the held body is drawn translucent.
     base = body.add_body(name="base")
     cylinder = mj.mjtGeom.mjGEOM_CYLINDER
     for low, high, radius, rgba in ((0.02, 0.045, 0.018, glass), (0.045, 0.068, 0.013, brass)):
         base.add_geom(
             type=cylinder, fromto=(0, 0, low, 0, 0, high), size=(radius, 0, 0), mass=0, rgba=rgba,
-            **parts.touching("nothing"),
+            **parts.contact_bits("nothing"),
         )  # fmt: skip
-    # A stripe, so that the turning is seen.
+    # A stripe that shows the rotation.
     base.add_geom(
         type=mj.mjtGeom.mjGEOM_CAPSULE, fromto=(0.0185, 0, 0.026, 0.0185, 0, 0.043),
-        size=(0.0012, 0, 0), mass=0, rgba=parts.DARK, **parts.touching("nothing"),
+        size=(0.0012, 0, 0), mass=0, rgba=parts.DARK, **parts.contact_bits("nothing"),
     )  # fmt: skip
     spec.worldbody.add_geom(
         type=cylinder, fromto=(0, 0, 0.16, 0, 0, 0.20), size=(0.02, 0, 0), rgba=white,
-        **parts.touching("nothing"),
+        **parts.contact_bits("nothing"),
     )  # fmt: skip

@@ -16,8 +16,8 @@ from graspforce.hands.paper import PaperHand
 from graspforce.regrasp import Release
 from graspforce.scenarios.paper import AT_REST, CIRCLE, CUBE
 from graspforce.sim import parts
-from graspforce.sim.engine import mj
-from graspforce.sim.trial import Gains, Grip, Step, Trial
+from graspforce.sim.mujoco_import import mj
+from graspforce.sim.trial import FingerSwing, Gains, Grip, Trial
 from graspforce.trajectory import Motion
 
 HAND = PaperHand("radial")
@@ -74,7 +74,7 @@ def regrasp(
     rate: float = 500.0,
     duration: float = 2.0,
 ) -> Trial:
-    """Carry the cube round the circle, finger 1 away from 0.5 to 1.5 s (Section IV-B.2).
+    """Carry the cube round the circle, finger 1 lifted from 0.5 to 1.5 s (Section IV-B.2).
 
     Args:
         alpha: weight of the linear limits against the friction cones.
@@ -85,10 +85,10 @@ def regrasp(
         duration: [s].
     """
     grip = grips()[0]
-    step = Step(Release(finger=0, leave=0.5, back=1.5, ramp=0.25), grip, grip, lift)
+    swing = FingerSwing(Release(finger=0, leave=0.5, back=1.5, ramp=0.25), grip, grip, lift)
     return trial(
         "regrasp", "the paper's circle, finger 1 away for a second", CIRCLE, mu, alpha=alpha,
-        rate=rate, duration=duration, c_max=c_max, steps=(step,),
+        rate=rate, duration=duration, c_max=c_max, steps=(swing,),
     )  # fmt: skip
 
 
@@ -107,7 +107,7 @@ def trial(name: str, summary: str, motion: Motion, true_mu: float, **options: An
         true_mu: the true coefficient of friction [-]; the controller's is the option of that name.
         **options: further arguments of :class:`Trial`.
     """
-    spec = parts.stage("cube")
+    spec = parts.new_spec("cube")
     fingers = parts.paper_hand(spec, HAND, true_mu)
     state = motion.at(0.0)
     body = spec.worldbody.add_body(name="object", pos=state.position)
@@ -116,7 +116,7 @@ def trial(name: str, summary: str, motion: Motion, true_mu: float, **options: An
     half = CUBE.side / 2
     body.add_geom(
         name="cube", type=mj.mjtGeom.mjGEOM_BOX, size=(half, half, half), mass=CUBE.mass,
-        rgba=parts.WOOD, **parts.grip_surface(true_mu), **parts.touching("object"),
+        rgba=parts.WOOD, **parts.grip_surface(true_mu), **parts.contact_bits("object"),
     )  # fmt: skip
     parts.camera(spec, (0.2, -0.48, 0.24), (0.02, 0.01, 0.065))
     model = spec.compile()

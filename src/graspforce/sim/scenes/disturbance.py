@@ -1,9 +1,9 @@
-"""The paper's circle with something wrong: what holds at which alpha, and what does not.
+"""The paper's circle under disturbances, at several alpha and with a minimum-norm SOCP.
 
-The firmness trade-off in physics. A firm grip (small alpha) has friction in reserve when the world
-is not as assumed, and works the joints harder. A minimum-norm SOCP puts contacts on the very edge
-of their cones, where nothing is in reserve; told of less friction than there is, it has that much.
-There are 250 ticks a second, the paper's rate, so that two ticks of delay are 8 ms.
+A firm grip (small alpha) keeps a margin of friction for what the model leaves out, at higher joint
+torques. A minimum-norm SOCP puts contacts on the boundary of their cones, without margin; with a
+smaller mu than the true one, the margin is the difference. The rate is the paper's, 250 ticks a
+second, so that two ticks of delay are 8 ms.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 
 from graspforce.scenarios.paper import CIRCLE
-from graspforce.sim.disturbance import Disturbance, Push
 from graspforce.sim.scenes import cube
-from graspforce.sim.scenes.choice import chosen
-from graspforce.sim.trial import Trial
+from graspforce.sim.scenes.selection import select
+from graspforce.sim.trial import Disturbance, Push, Trial
 
 ALPHAS = (0.1, 1.0, 5.0, 100.0)
 
-# What the controller counts on [-].
+# The coefficient of friction that the controller assumes [-].
 _MU = 0.5
 
 _PUSHES = (
@@ -73,12 +72,14 @@ def disturbance(
     methods["minimum_norm"] = {"method": "minimum_norm"}
     methods["minimum_norm_80"] = {"method": "minimum_norm", "mu": 0.8 * _MU}
     return tuple(
-        _trial(each, words, grip, options | methods[grip] | {"rate": rate, "duration": duration})
-        for each, (words, options) in chosen(kind, KINDS, "kind").items()
-        for grip in chosen(method, methods, "method")
+        _trial(
+            each, description, grip, options | methods[grip] | {"rate": rate, "duration": duration}
+        )
+        for each, (description, options) in select(kind, KINDS, "kind").items()
+        for grip in select(method, methods, "method")
     )
 
 
-def _trial(kind: str, words: str, grip: str, options: dict[str, Any]) -> Trial:
+def _trial(kind: str, description: str, grip: str, options: dict[str, Any]) -> Trial:
     true_mu = options.pop("true_mu", _MU)
-    return cube.trial(f"{kind}, {grip}", words, CIRCLE, true_mu, **({"mu": _MU} | options))
+    return cube.trial(f"{kind}, {grip}", description, CIRCLE, true_mu, **({"mu": _MU} | options))

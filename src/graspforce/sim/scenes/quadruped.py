@@ -1,4 +1,4 @@
-"""A robot on four feet that stands and sways: the same library, and nothing in it is a hand's.
+"""A robot on four feet that stands and sways, by the same force distribution as a hand.
 
 The ground pushes on the feet as fingers push on an object, and the trunk is what they carry. The
 friction cones and the torque limits are the same; only the joints are on the other side, which
@@ -13,7 +13,7 @@ import numpy as np
 
 from graspforce._util.arrays import Array
 from graspforce.sim import parts
-from graspforce.sim.engine import mj
+from graspforce.sim.mujoco_import import mj
 from graspforce.sim.reach import reach
 from graspforce.sim.trial import Finger, Grip, Trial
 from graspforce.trajectory import Sway
@@ -35,7 +35,7 @@ def quadruped(
     rate: float = 500.0,
     duration: float = 2.5,
 ) -> Trial:
-    """Stand on four feet for half a second, then sway to all sides, up, down and about.
+    """Stand on four feet for half a second, then sway in all directions and yaw.
 
     Args:
         alpha: weight of the torque limits against the friction cones.
@@ -45,7 +45,7 @@ def quadruped(
         rate: control ticks a second [Hz].
         duration: [s].
     """
-    spec = parts.stage("quadruped")
+    spec = parts.new_spec("quadruped")
     legs = _add_robot(spec, mu)
     parts.camera(spec, (1.05, -1.0, 0.55), (0.0, 0.0, 0.17), angle=30)
     model = spec.compile()
@@ -71,10 +71,10 @@ def quadruped(
 
 def _add_robot(spec: Any, mu: float) -> tuple[Finger, ...]:
     types, joints = mj.mjtGeom, mj.mjtJoint
-    nothing = parts.touching("nothing")
+    nothing = parts.contact_bits("nothing")
     spec.worldbody.add_geom(
         name="ground", type=types.mjGEOM_PLANE, size=(2, 2, 0.1), rgba=(0.93, 0.94, 0.95, 1.0),
-        **parts.grip_surface(mu), **parts.touching("object"),
+        **parts.grip_surface(mu), **parts.contact_bits("object"),
     )  # fmt: skip
     trunk = spec.worldbody.add_body(name="trunk", pos=(0, 0, _HEIGHT))
     trunk.add_freejoint(name="trunk")
@@ -97,7 +97,7 @@ def _add_robot(spec: Any, mu: float) -> tuple[Finger, ...]:
         _limb(shank, 0.014, 0.15)
         shank.add_geom(
             name=f"{name}_foot", type=types.mjGEOM_SPHERE, size=(_FOOT, 0, 0), pos=(0, 0, -_LINK),
-            mass=0.05, rgba=parts.TIP, **parts.grip_surface(mu), **parts.touching("robot"),
+            mass=0.05, rgba=parts.TIP, **parts.grip_surface(mu), **parts.contact_bits("robot"),
         )  # fmt: skip
         names = tuple(f"{name}_{joint}" for joint in ("abduction", "hip", "knee"))
         for joint in names:
@@ -109,5 +109,5 @@ def _add_robot(spec: Any, mu: float) -> tuple[Finger, ...]:
 def _limb(body: Any, radius: float, mass: float) -> None:
     body.add_geom(
         type=mj.mjtGeom.mjGEOM_CAPSULE, fromto=(0, 0, 0, 0, 0, -_LINK), size=(radius, 0, 0),
-        mass=mass, rgba=parts.GREY, **parts.touching("nothing"),
+        mass=mass, rgba=parts.GREY, **parts.contact_bits("nothing"),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""One of several by name, or all of them."""
+"""Selection of one entry by name, or of all."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from graspforce.errors import InvalidInputError
 T = TypeVar("T")
 
 
-def chosen(name: str, known: dict[str, T], argument: str) -> dict[str, T]:
+def select(name: str, known: dict[str, T], argument: str) -> dict[str, T]:
     """Return the entry of that name, or with "all" every one.
 
     Raises:

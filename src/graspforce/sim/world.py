@@ -1,8 +1,8 @@
 """A running MuJoCo simulation, as the controller and the log see it.
 
-Contacts, J and bias torques are those that :class:`graspforce.hands.MujocoGrasp` reads for
-everybody. What a control law needs besides is here: which contact belongs to which finger, how
-fingertips and object move, the inertia of the joints. World axes throughout.
+Contacts, J and bias torques are read by :class:`graspforce.hands.MujocoGrasp`. This module adds
+what a control law needs besides: which contact belongs to which finger, velocities of fingertips
+and object, the inertia of the joints. World axes throughout.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from graspforce.contact import Contact, cross
 from graspforce.errors import ModelImportError
 from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.model import drives, is_plain_motor
-from graspforce.sim.engine import mj
+from graspforce.sim.mujoco_import import mj
 from graspforce.sim.trial import Finger, Trial
 
 Indices: TypeAlias = NDArray[np.int32]
@@ -41,7 +41,7 @@ class Touch:
 
 @dataclass(slots=True, eq=False)
 class Pose:
-    """How the object is and moves; world axes.
+    """Pose and velocity of the object; world axes.
 
     Attributes:
         position: of its centre of mass, shape (3,) [m].
@@ -60,13 +60,13 @@ class Pose:
         return self.velocity + cross(self.angular_velocity, point - self.position)
 
 
-class Scene:
-    """The physics of a trial, and the names in it resolved.
+class World:
+    """The running physics of a trial, with the names of the trial resolved to indices.
 
     Attributes:
         model: the trial's model, copied.
         data: its state.
-        grasp: what it says of contacts, limits and bias torques, joints in the trial's order.
+        grasp: contacts, limits and bias torques in that state, joints in the trial's order.
         dofs: for each finger the indices of its degrees of freedom.
         columns: for each finger its joints' places in tau.
         tau_max: torque limit of every joint, shape (n_joints,) [N·m].
@@ -113,7 +113,7 @@ class Scene:
         self.forces = np.zeros((len(self.tips), 3))
         nv = self.model.nv
         self._jacobian, self._jacobian_dot = np.zeros((3, nv)), np.zeros((3, nv))
-        self._six, self._mass_matrix = np.zeros(6), np.zeros((nv, nv))
+        self._velocity, self._mass_matrix = np.zeros(6), np.zeros((nv, nv))
         self._start_moving(trial)
         mj.mj_step1(self.model, self.data)
         self.grasp = MujocoGrasp(
@@ -183,13 +183,13 @@ class Scene:
     # ---- the object ------------------------------------------------------------------------
 
     def pose(self) -> Pose:
-        """Return how the object, or the robot on its feet, is and moves."""
+        """Return pose and velocity of the object, or of the robot on its feet."""
         data, body = self.data, self._body
         mj.mj_subtreeVel(self.model, data)
-        mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_XBODY, body, self._six, 0)
+        mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_XBODY, body, self._velocity, 0)
         return Pose(
             data.subtree_com[body].copy(), data.xmat[body].reshape(3, 3).copy(),
-            data.subtree_linvel[body].copy(), self._six[:3].copy(),
+            data.subtree_linvel[body].copy(), self._velocity[:3].copy(),
         )  # fmt: skip
 
     @property
@@ -210,13 +210,13 @@ class Scene:
         mj.mj_setConst(self.model, mj.MjData(self.model))
 
     def push(self, force: Array) -> None:
-        """Let a force act on the object's centre of mass until told otherwise [N]."""
+        """Set the force on the object's centre of mass; it acts until the next call [N]."""
         self.data.xfrc_applied[self._body, :3] = force
 
     # ---- the fingers -----------------------------------------------------------------------
 
     def touches(self) -> list[Touch | None]:
-        """Return the contact of every finger; None for one that is off."""
+        """Return the contact of every finger; None without contact."""
         found: list[Touch | None] = [None] * len(self.tips)
         points, normals = self.grasp.points, self.grasp.normals
         for k, finger in self._contacts():
@@ -224,7 +224,7 @@ class Scene:
         return found
 
     def _contacts(self) -> Iterator[tuple[int, int]]:
-        """Yield the contacts of fingertips: their places among those of ``grasp``, the finger."""
+        """Yield the contacts of fingertips: their indices among those of ``grasp``, the finger."""
         for k, (maker, own) in enumerate(self.grasp.geoms.tolist()):
             tip, partner = (maker, own) if self.side > 0 else (own, maker)
             if tip in self._finger_of and partner in self._partners:
@@ -249,8 +249,8 @@ class Scene:
     def tip_velocity(self, finger: int, point: Array) -> Array:
         """Return the velocity of the fingertip's material at ``point``, shape (3,) [m/s]."""
         geom = self.tips[finger]
-        mj.mj_objectVelocity(self.model, self.data, mj.mjtObj.mjOBJ_GEOM, geom, self._six, 0)
-        return self._six[3:] + cross(self._six[:3], point - self.data.geom_xpos[geom])
+        mj.mj_objectVelocity(self.model, self.data, mj.mjtObj.mjOBJ_GEOM, geom, self._velocity, 0)
+        return self._velocity[3:] + cross(self._velocity[:3], point - self.data.geom_xpos[geom])
 
     def jacobian(self, finger: int, point: Array) -> Array:
         """Return how a point of the fingertip moves with the finger's joints, (3, k) [m]."""
@@ -286,7 +286,7 @@ class Scene:
         """Advance the physics by one step under joint torques, shape (n_joints,) [N·m]."""
         self.data.ctrl[self._motors] = tau / self._torque_of_control
         mj.mj_step2(self.model, self.data)
-        if self.trouble():
+        if self.failure():
             return
         # Only between these two are the forces those of the contacts that the data list.
         forces = self.grasp.W[:3] * self.grasp.contact_forces(self.data)
@@ -295,12 +295,12 @@ class Scene:
         for k, finger in self._contacts():
             self.forces[finger] += forces[:, ends[k] - self.grasp.dims[k] : ends[k]].sum(axis=1)
         mj.mj_step1(self.model, self.data)
-        if not self.trouble():
+        if not self.failure():
             self.grasp.update(self.data)
 
-    def trouble(self) -> str:
-        """Return why the state can no longer be trusted; empty when it can."""
-        words = {
+    def failure(self) -> str:
+        """Return why the state is invalid; empty when it is valid."""
+        texts = {
             mj.mjtWarning.mjWARN_BADQPOS: "a joint position is not finite or beyond 1e10",
             mj.mjtWarning.mjWARN_BADQVEL: "a joint velocity is not finite or beyond 1e10",
             mj.mjtWarning.mjWARN_BADQACC: "an acceleration is not finite or beyond 1e10",
@@ -308,7 +308,7 @@ class Scene:
             mj.mjtWarning.mjWARN_CNSTRFULL: "MuJoCo's constraint buffer is full",
         }
         warnings: Any = self.data.warning
-        for kind, text in words.items():
+        for kind, text in texts.items():
             if warnings[kind].number:
                 return text
         return ""

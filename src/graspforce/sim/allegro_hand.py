@@ -1,10 +1,9 @@
 """The Allegro hand, from the URDF that the package ``example-robot-data`` installs.
 
-The file is read where pip put it; nothing of it is copied. What MuJoCo's reader stumbles over is
-changed in memory: package paths, and second ``<inertial>`` elements. So is what is a placeholder
-in the file: effort limits of 15 N·m are not the hand's, and its joint damping and friction, in
-whole N·m, are not either; the motors here have ±0.7 N·m, as the hand's do, and the joints neither
-damping nor friction.
+The file is read from the installed package, not copied. What MuJoCo's reader rejects is changed in
+memory: package paths, and second ``<inertial>`` elements. So are the file's placeholders: effort
+limits of 15 N·m, and joint damping and friction in whole N·m. The motors here have ±0.7 N·m, as the
+real hand's, and the joints neither damping nor friction.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import Any
 
 from graspforce.errors import MissingExtraError, ModelImportError
 from graspforce.sim import parts
-from graspforce.sim.engine import mj
+from graspforce.sim.mujoco_import import mj
 from graspforce.sim.trial import Finger
 
 TORQUE = 0.7  # [N·m]
@@ -29,12 +28,12 @@ _FILE = "allegro_right_hand.urdf"
 
 
 def allegro_hand(name: str, mu: float) -> tuple[Any, tuple[Finger, ...]]:
-    """Return a scene with the hand's palm at the origin, as an ``MjSpec``, and its fingers.
+    """Return a model with the hand's palm at the origin, as an ``MjSpec``, and its fingers.
 
     The fingers point along z, their flexed tips and the thumb along x.
 
     Args:
-        name: of the scene.
+        name: of the model.
         mu: coefficient of friction of the fingertips [-].
 
     Raises:
@@ -42,7 +41,7 @@ def allegro_hand(name: str, mu: float) -> tuple[Any, tuple[Finger, ...]]:
         ModelImportError: it is, but without the hand.
     """
     spec = mj.MjSpec.from_string(_urdf())
-    parts.dress(spec, name)
+    parts.apply_settings(spec, name)
     fingers: list[Finger] = []
     for first in _FIRST_JOINTS:
         names = tuple(f"joint_{number}.0" for number in range(first, first + 4))
@@ -53,7 +52,7 @@ def allegro_hand(name: str, mu: float) -> tuple[Any, tuple[Finger, ...]]:
         tip = f"tip_{first + 3}"
         spec.body(f"link_{first + 3}.0_tip").add_geom(
             name=tip, type=mj.mjtGeom.mjGEOM_SPHERE, size=(TIP_RADIUS, 0, 0), mass=0,
-            rgba=parts.TIP, **parts.grip_surface(mu), **parts.touching("robot"),
+            rgba=parts.TIP, **parts.grip_surface(mu), **parts.contact_bits("robot"),
         )  # fmt: skip
         fingers.append(Finger(names, tip))
     return spec, tuple(fingers)

@@ -1,4 +1,4 @@
-"""The one place where MuJoCo comes in; its bindings carry no usable types, so it is ``Any``."""
+"""The import of MuJoCo in ``sim``, as ``Any``: its bindings have no usable types."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from graspforce.errors import ModelImportError, RenderError
 from graspforce.hands.mujoco.model import mujoco_module
 
 
-def no_opengl(setting: str, cause: object) -> RenderError:
-    """Return what is said where MuJoCo finds no OpenGL.
+def no_opengl_error(setting: str, cause: object) -> RenderError:
+    """Return the error for a MuJoCo that finds no OpenGL.
 
     Args:
         setting: of the environment variable MUJOCO_GL.
-        cause: the error that came of it.
+        cause: the error that it raised.
     """
     return RenderError(
         f"rendering: MUJOCO_GL={setting or '(not set)'} gives no OpenGL context ({cause}); "
@@ -30,21 +30,21 @@ try:
     mj: Any = mujoco_module("simulation", "sim")
     """The module ``mujoco``."""
 except ModelImportError as error:
-    raise no_opengl(os.environ.get("MUJOCO_GL", ""), error.__cause__) from error
+    raise no_opengl_error(os.environ.get("MUJOCO_GL", ""), error.__cause__) from error
 
 
-def _say_nothing(warning: str) -> None:
+def _ignore_warning(warning: str) -> None:
     """Serve as MuJoCo's handler of warnings."""
 
 
 @contextmanager
-def quiet() -> Generator[None]:
+def silenced_warnings() -> Generator[None]:
     """Keep MuJoCo's warnings off stderr and out of the file MUJOCO_LOG.TXT.
 
-    They are counted in the simulation's data, where :meth:`Scene.trouble` reads them.
+    They are counted in the simulation's data, where :meth:`World.failure` reads them.
     """
     before = mj.get_mju_user_warning()
-    mj.set_mju_user_warning(_say_nothing)
+    mj.set_mju_user_warning(_ignore_warning)
     try:
         yield
     finally:

@@ -1,8 +1,8 @@
 """The force distribution with the smallest norm, as a second-order cone program.
 
-The rival in :mod:`graspforce.sim`'s disturbance table: ½‖c‖² instead of barriers, the same W, f,
-friction cones, torque limits and ceilings, solved by Clarabel. It has the :class:`Servo`'s
-interface, so that the control loop around both is the same.
+The method compared with in :mod:`graspforce.sim`'s disturbance table: ½‖c‖² instead of barriers,
+the same W, f, friction cones, torque limits and ceilings, solved by Clarabel. It has the
+:class:`Servo`'s interface, so that the control loop around both is the same.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
 
 
-class MinimumNorm:
+class MinimumNormServo:
     """Solves a stream of problems for their forces of smallest norm.
 
     Args:
