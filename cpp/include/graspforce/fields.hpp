@@ -1,9 +1,8 @@
 // The fields of a problem, said once: offsets, views, slots, defaults, the values that each may
 // have and what a change of it means all follow from this list.
 //
-// A new field is a line here, where the buffer's order puts it; its mathematics goes into
-// blocks.hpp and lane_group.hpp. The same list in Python is graspforce.problem.FIELDS, in the same
-// order.
+// A new field is a line here, where the buffer's order puts it; what else it takes stands in
+// docs/engine.md. The same list in Python is graspforce._engine.layout.FIELDS, in the same order.
 #pragma once
 
 #include <cstddef>
