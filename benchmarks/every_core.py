@@ -20,13 +20,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from campaign import random_contacts, random_jacobian, random_models, unit
 from rich.progress import track
 from rich.table import Table
 from saving import show, writable
 
 import graspforce as gf
 from graspforce import _engine
+from graspforce.scenarios.random import random_contacts, random_jacobian, random_models, unit
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 import clarabel_oracle

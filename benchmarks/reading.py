@@ -11,11 +11,11 @@ import sys
 
 import mujoco
 import numpy as np
-from graspforce.study.bench.clock import hot, nothing
 from rich.table import Table
 from saving import show, writable
 
 import graspforce as gf
+from graspforce._util.clock import hot, no_op
 
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0")
 LINK = 0.025  # [m]; the first two joints are at one point
@@ -61,7 +61,7 @@ def times(tip: str, rounds: int) -> dict[str, np.ndarray]:
         "Servo.step": lambda: servo.step(W=reader.W, J=reader.J, tau_bias=reader.tau_bias),
         "mujoco.mj_forward": lambda: mujoco.mj_forward(model, data),
     }
-    return {name: hot([(nothing, call)], rounds) for name, call in calls.items()}
+    return {name: hot([(no_op, call)], rounds) for name, call in calls.items()}
 
 
 def main() -> int:

@@ -284,6 +284,13 @@ def test_the_forces_of_an_underactuated_grasp_leave_its_free_motion_alone():
     solution = gf.solve(grasp.problem([0, 0, 2.0, 0, 0, 0]), check=True)
     np.testing.assert_allclose(solution.normal_forces, np.tan(1.2), rtol=1e-9)
     np.testing.assert_allclose(grasp.passive_rows @ solution.c, 0, atol=1e-9)
+    # A wrench that may be missed softens none of the equations of motions without a motor.
+    for f_soft in (0.1, np.full(6, 0.1)):
+        soft = gf.solve(grasp.problem([0, 0, 2.0, 0, 0, 0], f_soft=f_soft), check=True)
+        assert np.abs(grasp.W @ soft.c - soft.problem.f[:6]).max() > 1e-4
+        np.testing.assert_allclose(grasp.passive_rows @ soft.c, 0, atol=1e-9)
+    with pytest.raises(gf.InvalidInputError, match=r"f_soft: got shape \(8,\), expected"):
+        grasp.problem([0, 0, 2.0, 0, 0, 0], f_soft=np.ones(8))
 
 
 def test_a_parallelogram_linkage():

@@ -34,6 +34,12 @@ def test_every_public_name_is_there():
     assert set(graspforce.__all__) <= set(dir(graspforce))
 
 
+def test_warp_is_found_at_first_use_and_asks_for_its_extra():
+    code = "import sys, graspforce as gf; sys.modules['warp'] = None; gf.warp"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "MissingExtraError: graspforce.warp needs warp-lang" in run.stderr
+
+
 def test_the_version_is_said_once_and_cited():
     root = Path(__file__).parents[1]
     said = re.search(r"project\(graspforce VERSION (\S+)", (root / "CMakeLists.txt").read_text())

@@ -37,8 +37,22 @@ def test_the_make_targets_exist(line):
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
 
 
+PAGES = sorted((*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")))
+
+
 def test_every_file_that_the_docs_link_to_exists():
-    for page in (README, *sorted((ROOT / "docs").glob("*.md"))):
-        for link in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+    for page in PAGES:
+        for link in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
             if not link.startswith("http"):
                 assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_every_source_file_that_the_docs_name_exists():
+    folders = ("src", "cpp", "tests", "benchmarks", "examples")
+    files = [f"/{file}" for folder in folders for file in (ROOT / folder).rglob("*.?pp")]
+    files += [f"/{file}" for folder in folders for file in (ROOT / folder).rglob("*.py")]
+    names = re.compile(r"`([\w/]+\.(?:py|hpp|cpp))`")
+    named = [(page, name) for page in PAGES for name in names.findall(page.read_text("utf-8"))]
+    assert len(named) > 60
+    for page, name in named:
+        assert any(file.endswith(f"/{name}") for file in files), f"{page.name}: {name}"

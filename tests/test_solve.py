@@ -11,6 +11,7 @@ from grasps import KINDS, cone_margins, plant, random_contacts, random_model
 from scipy.spatial.transform import Rotation
 
 import graspforce as gf
+from graspforce._engine.outcome import PlainOutcome
 
 EVERYTHING = {"ceilings": True, "floors": True, "inequalities": 2, "bias": True}
 
@@ -528,3 +529,10 @@ def test_limits_that_hold_by_rounding_alone_hold_nothing(seed):
     problem = gf.ForceProblem(gf.grasp_map(contacts), f, gf.PCWF(0.5), J, -0.5, 0.5)
     assert gf.solve(problem).status is gf.Status.UNBOUNDED
     assert gf.solve(problem.replace(c_max=20), check=True).verify().ok
+
+
+@pytest.mark.parametrize("status", gf.Status)
+def test_every_status_has_words(status):
+    problem = gf.ForceProblem(np.eye(3), [1, 0, 0], gf.PCWF(0.5), c_max=2)
+    outcome = PlainOutcome(status, 0, np.zeros(3), np.zeros(3))
+    assert len(gf.Solution(outcome, problem).message) > 20

@@ -22,7 +22,7 @@ namespace graspforce {
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using NumpyVector = nb::ndarray<nb::numpy, const double, nb::ndim<1>>;
 
-// The layout that a graspforce.problem.Layout, a tuple, describes.
+// The layout that a graspforce._engine.layout.Layout, a tuple, describes.
 inline Layout make_layout(nb::handle tuple) {
   const auto [wrench_rows, dims, joints, inequalities, ceilings, floors, rate_limits, soft_wrench] =
       nb::cast<std::tuple<int, std::vector<int>, int, int, bool, bool, bool, bool>>(tuple);

@@ -1,4 +1,4 @@
-// The KKT system of graspforce/factor.hpp for Python: the base of graspforce.sensitivity.
+// The KKT system of graspforce/factor.hpp for Python: the base of derivatives.
 #pragma once
 
 #include <algorithm>

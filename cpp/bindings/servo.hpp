@@ -23,8 +23,8 @@ inline nb::object describe(const Flaw& flaw) {
 
 class PythonServo : public Servo {
  public:
-  // `shape` is a graspforce.problem.Layout; `statuses` are the members of graspforce.Status in
-  // their order; `refuse` gets a described flaw and raises an error; `solution` is
+  // `shape` is a graspforce._engine.layout.Layout; `statuses` are the members of graspforce.Status
+  // in their order; `refuse` gets a described flaw and raises an error; `solution` is
   // graspforce.Solution.
   PythonServo(nb::object shape, Vector packed, double tol, int max_steps, double budget_us,
               std::vector<nb::object> statuses, nb::object refuse, nb::object solution)

@@ -10,7 +10,7 @@
 
 namespace graspforce {
 
-// Whether a graspforce.layout.Layout, a tuple, describes a layout.
+// Whether a graspforce._engine.layout.Layout, a tuple, describes a layout.
 inline bool describes(nb::handle tuple, const Layout& layout) {
   const auto number = [](PyObject* items, int i) {
     return PyLong_AsLong(PyTuple_GET_ITEM(items, i));

@@ -49,6 +49,7 @@ from graspforce.solve import solve
 if TYPE_CHECKING:
     from graspforce import (
         baselines,
+        equations,
         files,
         hands,
         reference,
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
         sim,
         trajectory,
     )
+    from graspforce import warp as warp
     from graspforce.study import figures
 
 __version__: str
@@ -85,6 +87,7 @@ __all__ = [
     "Verification",
     "baselines",
     "check_certificate",
+    "equations",
     "figures",
     "files",
     "grasp_map",
@@ -97,10 +100,11 @@ __all__ = [
     "trajectory",
 ]
 
-# Imported at first use, so that `import graspforce` stays as light as NumPy.
+# Imported at first use, so that `import graspforce` stays as light as NumPy. `warp` is not in
+# __all__: it needs its extra, and a star import must not.
 _LAZY = {
     name: f"graspforce.{name}"
-    for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory")
+    for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
 } | {"figures": "graspforce.study.figures"}
 
 

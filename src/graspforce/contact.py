@@ -138,6 +138,24 @@ def as_models(models: ContactModel | Sequence[ContactModel]) -> tuple[ContactMod
     return given
 
 
+def models_for(models: ContactModel | Sequence[ContactModel], m: int) -> tuple[ContactModel, ...]:
+    """Return the model of each contact of a W of m columns; one alone stands for all contacts.
+
+    Raises:
+        InvalidInputError: as :func:`as_models`, or models of other than m components.
+    """
+    each = as_models(models)
+    if len(each) == 1:
+        each = each * max(1, m // each[0].dim)
+    total = sum(model.dim for model in each)
+    if total != m:
+        raise InvalidInputError(
+            f"W: got {m} columns, expected {total}, the components of the {len(each)} contact "
+            "models"
+        )
+    return each
+
+
 def as_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
     """Return the contacts as a tuple of at least one.
 

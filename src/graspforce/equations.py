@@ -417,7 +417,7 @@ def derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
 
     Args:
         c: contact forces strictly inside, shape (m,) [N, N·m].
-        barriers: cones, limits and alpha.
+        barriers: cones, limits, alpha and softness.
 
     Returns:
         Shapes (m,) and (m, m) [1/N, 1/N², …].
@@ -462,7 +462,7 @@ def reduced_objective(lam: Array, c_p: Array, N: Array, barriers: Barriers) -> A
         lam: reduced variables, shape (q,).
         c_p: particular solution of W c = f, shape (m,) [N, N·m].
         N: null space of W, shape (m, q).
-        barriers: cones, limits and alpha.
+        barriers: cones, limits, alpha and softness.
 
     Returns:
         A number [-]; inf outside the cones or the limits.
@@ -476,7 +476,7 @@ def reduced_derivatives(c: Array, N: Array, barriers: Barriers) -> tuple[Array, 
     Args:
         c: contact forces c_p + N lam strictly inside, shape (m,) [N, N·m].
         N: null space of W, shape (m, q).
-        barriers: cones, limits and alpha.
+        barriers: cones, limits, alpha and softness.
 
     Returns:
         Gradient, shape (q,), and Hessian, shape (q, q).
@@ -660,7 +660,7 @@ def decrement_and_error(c: Array, W: Array, barriers: Barriers) -> tuple[float, 
     Args:
         c: contact forces of one problem, shape (m,) [N, N·m].
         W: grasp map, shape (k, m).
-        barriers: cones, limits and alpha.
+        barriers: cones, limits, alpha and softness.
 
     Returns:
         The decrement [-], inf outside, and on the boundary as far as rounding can tell; and how
@@ -709,7 +709,7 @@ def factored_derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
 
     Args:
         c: contact forces strictly inside, shape (m,) [N, N·m].
-        barriers: cones, limits and alpha.
+        barriers: cones, limits, alpha and softness.
 
     Returns:
         G, shape (v + 4 n, m), with rows of zeros for components that a contact does not have;
@@ -736,6 +736,9 @@ def factored_derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
         G.append(barriers.S / root[..., None])
         gamma.append(barriers.lack(c) / root)
     return np.concatenate(G, axis=-2), np.concatenate(gamma, axis=-1)
+
+
+# ---- numbers ----------------------------------------------------------------------------------
 
 
 def may_overflow(numbers: Array) -> bool:

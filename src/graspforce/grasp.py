@@ -170,7 +170,7 @@ class Grasp:
         """Return the problem of giving the object the wrench f with this grasp.
 
         With an underactuated hand its W and f have ``passive_rows`` and ``passive_loads``
-        below the wrench.
+        below the wrench; ``f_soft`` is of the wrench alone, and these rows hold.
 
         Args:
             f: wrench that the fingers exert on the object, shape (6,) [N, N·m].
@@ -187,6 +187,10 @@ class Grasp:
         if len(self.passive_rows):
             W = np.vstack((W, self.passive_rows))
             wanted = np.concatenate((wanted, self.passive_loads))
+            f_soft = options.get("f_soft")
+            if f_soft is not None:
+                soft = as_array(f_soft, "f_soft", (6,), broadcast=True)
+                options["f_soft"] = np.concatenate((soft, np.zeros(len(self.passive_loads))))
         return ForceProblem(W=W, f=wanted, models=self.models, **(hand | options))
 
     def __repr__(self) -> str:

@@ -3,7 +3,7 @@
 A :class:`ForceProblem` is frozen and completely validated: whatever passes its constructor can
 be solved, and nothing later has to look at shapes or signs again. Its numbers live in one flat
 float64 buffer (``packed``), of which the fields are read-only views; the compiled core reads that
-buffer, whose order :class:`Layout` fixes.
+buffer, whose order :mod:`graspforce._engine.layout` fixes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from graspforce import equations
 from graspforce._engine import native
 from graspforce._engine.layout import FIELDS, Layout, Slot
 from graspforce._util.arrays import Array, as_array, hash_bytes, require_keywords
-from graspforce.contact import ContactModel, as_models, contact_starts, model_of
+from graspforce.contact import ContactModel, contact_starts, model_of, models_for
 from graspforce.equations import Barriers, Cones
 from graspforce.errors import InvalidInputError
 
@@ -136,7 +136,7 @@ class ForceProblem:
     ) -> None:
         grasp = as_array(W, "W", ("k", "m"), finite=False)
         k, m = grasp.shape
-        each = _models_for(models, m)
+        each = models_for(models, m)
         given: dict[str, Any] = {
             "W": grasp, "f": f, "J": J, "tau_lo": tau_lo, "tau_hi": tau_hi, "tau_bias": tau_bias,
             "c_max": c_max, "c_min": c_min, "engagement": engagement, "f_soft": f_soft,
@@ -468,19 +468,6 @@ def _touches(rows: Array, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which rows of limits count: not those that touch contacts, but none that is kept."""
     entries = rows != 0
     return entries[:, kept].any(axis=1) | ~entries.any(axis=1)
-
-
-def _models_for(models: ContactModel | Sequence[ContactModel], m: int) -> tuple[ContactModel, ...]:
-    each = as_models(models)
-    if len(each) == 1:
-        each = each * max(1, m // each[0].dim)
-    total = sum(model.dim for model in each)
-    if total != m:
-        raise InvalidInputError(
-            f"W: got {m} columns, expected {total}, the components "
-            f"of the {len(each)} contact models"
-        )
-    return each
 
 
 def _write(packed: Array, name: str, slot: Slot, value: Any) -> None:

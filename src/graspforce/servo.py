@@ -49,9 +49,9 @@ class Servo:
         InvalidInputError: an argument of the wrong kind.
 
     Attributes:
-        W, f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, c_last, dc_max, A, b, mu,
-            gamma, alpha: the next tick's fields of a :class:`ForceProblem`, arrays that live in
-            the Servo and are written in place (``servo.alpha[...] = 3``); empty where the first
+        W, f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, f_soft, c_last, dc_max, A, b,
+            mu, gamma, alpha: the next tick's fields of a :class:`ForceProblem`, arrays that live
+            in the Servo and are written in place (``servo.alpha[...] = 3``); empty where the first
             problem had none. With rate limits, ``c_last`` is overwritten by the forces of every
             tick that is SOLVED.
     """

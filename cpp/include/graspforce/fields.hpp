@@ -1,9 +1,8 @@
 // The single list of a problem's fields: offsets, views, slots, defaults, the values that each may
 // have and what a change of it means follow from it.
 //
-// A new field is a line here, where the buffer's order puts it; its mathematics goes into
-// blocks.hpp and lane_group.hpp. The same list in Python is graspforce.problem.FIELDS, in the same
-// order.
+// A new field is a line here, where the buffer's order puts it; what else it takes stands in
+// docs/engine.md. The same list in Python is graspforce._engine.layout.FIELDS, in the same order.
 #pragma once
 
 #include <cstddef>

@@ -1,7 +1,7 @@
 // The shape of a force distribution problem and where its numbers stand in one flat buffer.
 //
-// The order of the fields is that of graspforce.problem.Layout in Python: a packed buffer is a
-// whole problem, and a snapshot of it is one copy.
+// The order of the fields is that of graspforce._engine.layout.FIELDS in Python: a packed buffer is
+// a whole problem, and a snapshot of it is one copy.
 #pragma once
 
 #include <cstddef>
@@ -46,7 +46,7 @@ struct Layout {
   bool operator==(const Layout& other) const {
     const auto sizes = [](const Layout& l) {
       return std::tie(l.wrench_rows, l.models, l.joints, l.inequalities, l.ceilings, l.floors,
-                      l.rate_limits);
+                      l.rate_limits, l.soft_wrench);
     };
     return sizes(*this) == sizes(other);
   }

@@ -89,7 +89,8 @@ def unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def _models(rng: np.random.Generator, n: int, hard: bool) -> list[ContactModel]:
+def random_models(rng: np.random.Generator, n: int, hard: bool) -> list[ContactModel]:
+    """Return n contact models; mu in 0.1…1.5 [-], in 0.01…5 where ``hard``, gamma in 1…20 mm."""
     kinds = rng.choice(["mixed", "PCWF", "FPC", "SFC"], p=[0.45, 0.4, 0.05, 0.1])
     names = rng.choice(["FPC", "PCWF", "SFC"], n) if kinds == "mixed" else [kinds] * n
     low, high = (0.01, 5.0) if hard else (0.1, 1.5)
@@ -101,8 +102,10 @@ def _models(rng: np.random.Generator, n: int, hard: bool) -> list[ContactModel]:
     ]
 
 
-def _contacts(rng: np.random.Generator, models: list[ContactModel], hard: bool) -> list[Contact]:
-    """Contacts on a ball of 4 cm, sometimes in one plane, sometimes one beside another."""
+def random_contacts(
+    rng: np.random.Generator, models: list[ContactModel], hard: bool
+) -> list[Contact]:
+    """Return contacts on a ball of 4 cm, sometimes in one plane, one beside another if ``hard``."""
     n = len(models)
     points = unit(rng.normal(size=(n, 3)))
     flat = rng.random() < 0.1
@@ -121,8 +124,15 @@ def _contacts(rng: np.random.Generator, models: list[ContactModel], hard: bool) 
     ]
 
 
-def _jacobian(rng: np.random.Generator, dims: NDArray[np.int64]) -> Array:
-    """Fingers of one to three contacts, of full row rank, now and then with a joint to spare."""
+def random_jacobian(rng: np.random.Generator, dims: NDArray[np.int64]) -> Array:
+    """Return J, shape (m, n_joints) [m], of fingers of one to three contacts, of full row rank.
+
+    Now and then a finger has a joint to spare.
+
+    Args:
+        rng: the source of randomness.
+        dims: components of each contact, shape (n,).
+    """
     n, starts = len(dims), np.concatenate(([0], np.cumsum(dims)))
     shared = rng.random() < 0.3
     cuts = (
@@ -183,8 +193,8 @@ def geometry(rng: np.random.Generator, hard: bool = False) -> tuple[ForceProblem
     require_instance(hard, "hard", bool | np.bool_, "True or False")
     most = int(rng.choice(np.array([4, 8, 16, 64]), p=[0.5, 0.35, 0.12, 0.03]))
     n = int(rng.integers(2, most + 1))
-    models = _models(rng, n, hard)
-    contacts = _contacts(rng, models, hard)
+    models = random_models(rng, n, hard)
+    contacts = random_contacts(rng, models, hard)
     W = grasp_map(contacts)
     dims = np.array([model.dim for model in models])
     starts = np.concatenate(([0], np.cumsum(dims)[:-1]))
@@ -209,7 +219,7 @@ def geometry(rng: np.random.Generator, hard: bool = False) -> tuple[ForceProblem
             fields["c_min"] = np.where(removed, 0, floor)
     loaded = rng.random() < 0.5  # whether anything is held at load 0
     if hand:
-        J = _jacobian(rng, dims)
+        J = random_jacobian(rng, dims)
         tau0 = J.T @ c0
         size = np.abs(tau0) + 0.1 * np.abs(tau0).max() + 0.02
         up, down = (size * np.exp(rng.uniform(-2, 2, len(tau0))) for _ in range(2))

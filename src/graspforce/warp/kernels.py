@@ -26,6 +26,7 @@ from typing import Any, Literal
 import warp
 
 from graspforce._engine.outcome import Status
+from graspforce.equations import RUNAWAY
 from graspforce.problem import REMOVAL_THRESHOLD
 
 wp: Any = warp  # its types are made at run time, out of a type checker's sight
@@ -41,8 +42,6 @@ BALANCED = {"double": 1e-10, "single": 1e-5}
 LOST_PIVOT = {"double": 1e-15, "single": 1e-7}
 # The smallest number whose reciprocal is taken.
 TINY = {"double": "1e-280", "single": "1e-36f"}
-# Forces this many times what the limits are made for mean that nothing holds them (layout.hpp).
-RUNAWAY = 1e6
 THREADS, WARP = 128, 32  # of a block, of a warp
 # Blocks that a multiprocessor has room for, the best on an H100: two leave a thread 255 registers.
 BLOCKS = {"double": 2, "single": 4}

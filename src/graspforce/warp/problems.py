@@ -15,7 +15,7 @@ import warp
 from graspforce._engine.outcome import Status
 from graspforce._engine.settings import Settings
 from graspforce._util.arrays import as_integer, as_positive, came, require_choice, require_keywords
-from graspforce.contact import FPC, PCWF, SFC, ContactModel, as_models, contact_starts
+from graspforce.contact import ContactModel, contact_starts, model_of, models_for
 from graspforce.errors import InvalidInputError, warn
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
@@ -152,8 +152,8 @@ class Problems:
         n, m, q = len(self.models), W.shape[-1], _joints(given, W.shape[-1])
         given = {
             "alpha": 5.0,
-            "mu": tuple(getattr(model, "mu", 1.0) for model in self.models),
-            "gamma": tuple(getattr(model, "gamma", 1.0) for model in self.models),
+            "mu": tuple(model.mu for model in self.models),
+            "gamma": tuple(model.gamma for model in self.models),
         } | given
         shapes = {
             "W": (WRENCH, m), "f": (WRENCH,), "mu": (n,), "gamma": (n,), "J": (m, q),
@@ -200,8 +200,8 @@ class Problems:
         }
         mu, gamma = numbers.pop("mu"), numbers.pop("gamma")
         models = [
-            FPC() if model.dim == 1 else PCWF(mu[i]) if model.dim == 3 else SFC(mu[i], gamma[i])
-            for i, model in enumerate(self.models)
+            model_of(*each)
+            for each in zip((model.dim for model in self.models), mu, gamma, strict=True)
         ]
         if "J" in numbers:
             blocks, q = numbers["J"], self._shape.joints
@@ -462,15 +462,7 @@ def _fitting_models(
             f"W: got shape {W.shape}, expected (B, {WRENCH}, m); for a body in the plane add "
             "rows of zeros to W and f, or use graspforce.solve"
         )
-    m, each = W.shape[-1], as_models(models)
-    if len(each) == 1:
-        each = each * max(1, m // each[0].dim)
-    total = sum(model.dim for model in each)
-    if total != m:
-        raise InvalidInputError(
-            f"W: got {m} columns, expected {total}, the components of the {len(each)} contact "
-            "models"
-        )
+    each = models_for(models, W.shape[-1])
     if len(each) > MOST_CONTACTS:
         raise InvalidInputError(
             f"models: got {len(each)} contacts, expected at most {MOST_CONTACTS}; for more use "
