@@ -124,6 +124,32 @@ def test_it_is_the_imported_hands_jacobian():
 
 
 @pytest.mark.parametrize(
+    ("joint", "gravity"),
+    [
+        ("", "0 0 -9.81"),
+        ('stiffness=".1" springref=".4"', "0 0 0"),
+        ('stiffness=".1"', "2 3 -9"),
+        ('actuatorgravcomp="true"', "0 0 -9.81"),
+    ],
+)
+def test_the_imported_hand_has_the_same_weight_and_springs(joint, gravity):
+    options = f'{FIRM} gravity="{gravity}"'
+    text = paper_hand_xml(world=CUBE, tip=PAD, options=options, joint=joint)
+    text = text.replace('<body name="f1_distal"', '<body name="f1_distal" gravcomp=".5"')
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[ROBOT] = scene()[1].qpos[ROBOT]
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    hand = from_mjcf(model, TIPS).touching(grasp.links)
+    again = gf.Grasp(grasp.contacts, hand, data.qpos[ROBOT], origin=grasp.origin)
+    assert np.abs(grasp.tau_bias).max() > 1e-3
+    np.testing.assert_allclose(again.tau_bias, grasp.tau_bias, atol=1e-12)
+    found = [gf.solve(each.problem(WEIGHT), check=True) for each in (grasp, again)]
+    np.testing.assert_allclose(found[1].tau, found[0].tau, atol=1e-8)
+
+
+@pytest.mark.parametrize(
     "joint",
     [
         "",

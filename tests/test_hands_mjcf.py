@@ -101,7 +101,7 @@ def test_a_grasp_of_the_imported_hand_solves_like_the_papers():
     f = [0.1, 0, 2.5, 0, 0.01, 0]
     found = [
         gf.solve(gf.Grasp(contacts, hand, q).problem(f), check=True)
-        for hand in (own, from_mjcf(compiled(paper_hand_xml()), TIPS))
+        for hand in (own, from_mjcf(compiled(paper_hand_xml(options='gravity="0 0 0"')), TIPS))
     ]
     np.testing.assert_allclose(found[1].c, found[0].c, atol=1e-9)
     np.testing.assert_allclose(found[1].tau, found[0].tau, atol=1e-10)
@@ -248,6 +248,48 @@ def test_a_tendon_that_curls_two_joints():
         assert np.abs(rows[0]) == pytest.approx(np.abs(dx), abs=1e-8)
 
 
+SPRUNG = [
+    'name="a" axis="1 0 0" stiffness=".3" springref="20"',
+    'name="b" axis="0 1 0" stiffness=".05"',
+    'name="c" axis="0 1 0.2" stiffness=".2" damping=".1" frictionloss=".05"',
+]
+
+
+@pytest.mark.parametrize("gravity", ["0 0 0", "3 -4 -8"])
+def test_weight_and_springs_are_the_slope_of_the_energy(gravity):
+    """Over the motions of the drives, and over that which no drive takes part in."""
+    options = f'<option gravity="{gravity}"><flag energy="enable"/></option>'
+    spring = '<tendon><fixed name="curl" stiffness="40" springlength=".003"><joint'
+    motors = motor("a") + '<motor tendon="curl" forcerange="0 40"/>'
+    xml = finger(
+        SPRUNG, motors, options + TENDON.replace('<tendon><fixed name="curl"><joint', spring)
+    )
+    with pytest.warns(UserWarning, match="no motor controls 1 of 2 motions"):
+        hand = from_mjcf(compiled(xml), ["tip"])
+
+    def energy(angles):
+        data = mujoco.MjData(hand.robot.model)
+        data.qpos[:] = angles
+        mujoco.mj_forward(hand.robot.model, data)
+        return data.energy[0]
+
+    rng = np.random.default_rng(8)
+    for _ in range(3):
+        q = rng.uniform(-0.8, 0.8, 3)
+        slope = np.array([energy(q + e) - energy(q - e) for e in 1e-5 * np.eye(3)]) / 2e-5
+        by_drive = np.array([[1, 0], [0, 20], [0, 40]])  # the tendon's arms are 0.01 and 0.02
+        np.testing.assert_allclose(hand.tau_bias(q), by_drive.T @ slope, atol=1e-7)
+        contacts = contacts_at(hand.fingertip_positions(q) + 0.004, rng, [gf.PCWF(0.5)])
+        grasp = gf.Grasp(contacts, hand, q)
+        np.testing.assert_allclose(grasp.tau_bias, by_drive.T @ slope, atol=1e-7)
+        # Forces that hold it do no work over any motion but the drives', weight and springs
+        # included.
+        c = np.linalg.lstsq(grasp.passive_rows, grasp.passive_loads, rcond=None)[0]
+        still = np.array([0, 2, -1]) / 5**0.5
+        dx = in_frame(contacts[0], *material_velocity(hand, contacts[0], q, still))
+        assert c @ dx == pytest.approx(-slope @ still, abs=1e-7)
+
+
 def test_the_forces_of_an_underactuated_grasp_leave_its_free_motion_alone():
     """Two tendon fingers in a plane: the tendon turns both joints of a finger alike.
 
@@ -268,8 +310,8 @@ def test_the_forces_of_an_underactuated_grasp_leave_its_free_motion_alone():
     motors = "".join(f'<motor tendon="pull_{n}" forcerange="-50 50"/>' for n in "lr")
     worldbody = finger_at(-0.08, "l") + finger_at(0.08, "r")
     model = compiled(
-        f"""<mujoco><compiler autolimits="true"/><worldbody>{worldbody}</worldbody>
-        <tendon>{tendons}</tendon><actuator>{motors}</actuator></mujoco>"""
+        f"""<mujoco><compiler autolimits="true"/><option gravity="0 0 0"/>
+        <worldbody>{worldbody}</worldbody><tendon>{tendons}</tendon><actuator>{motors}</actuator></mujoco>"""
     )
     with pytest.warns(UserWarning, match="no motor controls"):
         hand = from_mjcf(model, ["l", "r"])

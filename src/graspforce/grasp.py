@@ -35,11 +35,12 @@ class Grasp:
         J: hand Jacobian in contact frames, shape (m, n_joints); None without a hand.
         tau_lo: lower torque limits, shape (n_joints,) [N·m]; None without a hand.
         tau_hi: upper torque limits, likewise.
-        tau_bias: what the joints must give besides, likewise; 0 unless read from a robot.
+        tau_bias: what the joints must give besides, likewise: against gravity and springs, where
+            the hand knows them (:class:`graspforce.hands.LoadedHand`), else 0.
         joint_names: the n_joints joints; empty without a hand.
         passive_rows: of an underactuated hand, the virtual work of c over the motions that no
             motor moves, shape (k, m); k = 0 for others.
-        passive_loads: what that work has to be, shape (k,): 0 but for the fingers' own weight.
+        passive_loads: what that work has to be, shape (k,): 0 but for weight and springs.
         links: what makes each contact, where that was read from a robot; otherwise empty.
         notes: what a reader of a robot found that its user should know.
 

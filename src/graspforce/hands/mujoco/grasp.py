@@ -25,6 +25,7 @@ from graspforce.hands.limits import has_motor
 from graspforce.hands.mujoco.contacts import ContactReader, Indices, cross_matrices
 from graspforce.hands.mujoco.model import (
     Drive,
+    bias_forces,
     body_of,
     coupling_rows,
     dof_names,
@@ -176,7 +177,8 @@ class MujocoGrasp:
         screws = self._read_screws(data, hand.dofs, origin)
         full = wrenches @ screws.T
         full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
-        actuation = hand.motors.actuation(hand.transmission, full, self._bias(data)[hand.dofs])
+        bias = bias_forces(model, data)[hand.dofs]
+        actuation = hand.motors.actuation(hand.transmission, full, bias)
         self._contacts, self._hand, self._screws = contacts, hand, screws
         self.origin, self.actuation = origin, actuation
         self.W = np.ascontiguousarray(wrenches.T)
@@ -377,14 +379,6 @@ class MujocoGrasp:
         arm = origin - data.subtree_com[self._root_of_dof[dofs]]
         linear = about_root[:, 3:] + (cross_matrices(arm) @ -angular[..., None])[..., 0]
         return np.concatenate((linear, angular), axis=1)
-
-    def _bias(self, data: Any) -> Array:
-        """Return the generalised forces at which nothing accelerates without contacts, shape (nv,).
-
-        Of gravity compensation the passive forces have only what no motor gives.
-        """
-        by_motor = data.qfrc_gravcomp * self._model.jnt_actgravcomp[self._model.dof_jntid]
-        return np.array(data.qfrc_bias - data.qfrc_passive - by_motor)
 
 
 def held_grasp(

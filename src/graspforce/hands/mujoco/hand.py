@@ -156,12 +156,13 @@ def _load(source: Any) -> Any:
 
 
 def _evaluated(model: Any, qpos: Array) -> Any:
-    """Return new data with positions, moment arms and couplings at qpos; no collisions."""
+    """Return new data at rest at qpos: positions, moment arms, couplings, forces; no collisions."""
     mj = mujoco_module()
     data = mj.MjData(model)
     data.qpos[:] = qpos
     for stage in (
-        mj.mj_kinematics, mj.mj_comPos, mj.mj_tendon, mj.mj_transmission, mj.mj_makeConstraint
+        mj.mj_kinematics, mj.mj_comPos, mj.mj_flex, mj.mj_tendon, mj.mj_transmission,
+        mj.mj_makeConstraint, mj.mj_fwdVelocity,
     ):  # fmt: skip
         stage(model, data)
     return data

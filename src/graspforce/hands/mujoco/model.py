@@ -160,6 +160,15 @@ def coupling_rows(model: Any, data: Any) -> Array:
     return rows[~rows[:, _free_joint_dofs(model)].any(axis=1)]
 
 
+def bias_forces(model: Any, data: Any) -> Array:
+    """Return the generalised forces at which nothing accelerates without contacts, shape (nv,).
+
+    Of gravity compensation the passive forces have only what no motor gives.
+    """
+    by_motor = data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
+    return np.array(data.qfrc_bias - data.qfrc_passive - by_motor)
+
+
 def _free_joint_dofs(model: Any) -> NDArray[np.bool_]:
     free = model.jnt_type == int(mujoco_module().mjtJoint.mjJNT_FREE)
     dofs: NDArray[np.bool_] = free[model.dof_jntid]
@@ -230,6 +239,10 @@ class MujocoConfiguration:
         kind, index = find_link(self._model, link)
         origins = self._data.xpos if kind == "body" else self._data.site_xpos
         return np.array(origins[index])
+
+    def bias(self) -> Array:
+        """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""
+        return bias_forces(self._model, self._data)[self._dofs]
 
 
 def dof_names(model: Any, dofs: NDArray[np.intp]) -> tuple[str, ...]:
