@@ -498,6 +498,18 @@ def test_no_limit_at_all_is_refused_with_the_way_out():
     assert hand.tau_hi.tolist() == [1, 0.4, 0.3]
 
 
+def test_tau_max_of_motors_that_act_one_way():
+    """As tendons do: given both ways it would let them push."""
+    one_way = ['forcerange="0 5"', 'gear="-1" ctrlrange="0 2"', 'forcerange="-3 3"']
+    xml = finger(HINGES, "".join(map(motor, "abc", one_way)))
+    hand = from_mjcf(compiled(xml), ["tip"], tau_max=0.5)
+    assert (hand.tau_lo.tolist(), hand.tau_hi.tolist()) == ([0, -0.5, -0.5], [0.5, 0, 0.5])
+    # Two of them against each other act both ways.
+    pair = motor("a", 'forcerange="0 5"') + motor("a", 'gear="-1" forcerange="0 2"')
+    hand = from_mjcf(compiled(finger(HINGES[:1], pair)), ["tip"], tau_max=0.5)
+    assert (hand.tau_lo.tolist(), hand.tau_hi.tolist()) == ([-0.5], [0.5])
+
+
 def test_a_range_of_nothing_is_no_motor():
     xml = finger(HINGES, motor("a") + motor("b") + motor("c", 'ctrlrange="0 1" gear="0"'))
     with pytest.warns(UserWarning, match="no motor controls 'c'"):

@@ -26,6 +26,7 @@ from graspforce.hands.mujoco.model import (
     dofs_above,
     drive_rows,
     drives,
+    joints_as_drives,
     links_of,
     loose_bodies,
     mujoco_module,
@@ -49,8 +50,10 @@ def from_mjcf(
     Args:
         source: an MJCF file, or an ``mujoco.MjModel``.
         fingertips: bodies or sites, one a finger; a mapping names the fingers.
-        tau_max: torque limits in place of the file's, both ways: one number for all drives, or
-            by name [N·m; N for slides and tendons].
+        tau_max: torque limits in place of the file's, both ways unless the file's motor acts one
+            way only: one number for all drives, or by name [N·m; N for slides and tendons]. A
+            joint without a motor that it names gets one; where the file has no motors, one
+            number makes motors of all hinges and slides that follow no other joint.
 
     Returns:
         The hand, contacts in the frame of the model's world. What should not be believed
@@ -67,6 +70,7 @@ def from_mjcf(
     tips = as_fingertips(fingertips, links_of(model))
     bodies = tuple(dict.fromkeys(body_of(model, link) for link in tips.values()))
     candidates, motor_notes = drives(model)
+    candidates += joints_as_drives(model, candidates, tau_max)
     data = _evaluated(model, model.qpos0)
     above = dofs_above(model)
     moments = drive_rows(model, data, candidates)
