@@ -40,6 +40,9 @@ from graspforce.errors import InvalidInputError, warn
 # A normal this close to unit length is taken as meant to be one and is normalised.
 UNIT_TOLERANCE = 1e-6
 
+# Below this share of its length across the normal, a tangent is one along it.
+LEAST_ACROSS = 1e-9
+
 # Contacts further apart [m], or a torsional friction coefficient above this [m]: millimetres?
 LARGEST_SPAN = 5.0
 LARGEST_GAMMA = 1.0
@@ -235,7 +238,7 @@ class Contact:
         for _ in range(2):  # once more for what cancellation has left of the normal
             flat = flat - (flat @ unit) * unit
         length = math.hypot(*flat)
-        if length <= 1e-9:
+        if length <= LEAST_ACROSS:
             raise InvalidInputError(
                 f"tangent: got {along.tolist()}, expected a direction across the normal "
                 f"{unit.tolist()}"
@@ -304,5 +307,5 @@ def _unit(normal: Array) -> Array:
 
 
 def any_tangent(normal: Array) -> Array:
-    """Return the coordinate axis farthest from the normal, for the caller to project."""
-    return np.eye(3)[int(np.argmin(np.abs(normal)))]
+    """Return the coordinate axis farthest from each normal, shape (…, 3), to be projected."""
+    return np.eye(3)[np.argmin(np.abs(normal), axis=-1)]
