@@ -60,7 +60,7 @@ def stacked_maps(origins: Array, points: Array, normals: Array, tangents: Array)
     for _ in range(2):  # once more for what cancellation has left of the normal
         flat = flat - (flat * normals).sum(axis=-1, keepdims=True) * normals
     flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
-    axes = np.stack((normals, flat, np.cross(normals, flat)), axis=-2)
-    torques = np.cross((points - origins)[:, :, None], axes)
-    wrenches: Array = np.concatenate((axes, torques), axis=-1)
+    axes = np.stack((normals, flat, cross(normals.T, flat.T).T), axis=-2)
+    torques = cross((points - origins)[:, :, None].T, axes.T).T
+    wrenches = np.concatenate((axes, torques), axis=-1)
     return wrenches.reshape(len(points), -1, 6).swapaxes(1, 2)
