@@ -653,6 +653,13 @@ def test_limits_for_fingers_that_are_elsewhere_wait_for_their_contact():
     assert (reader.joint_names, reader.tau_hi.tolist()) == (("jl", "jr"), [20, 5])
 
 
+def test_a_motor_of_tau_maxs_that_is_not_asked_for_holds_its_joint():
+    model, data = jaws()
+    limits = {"jl": 20.0, "jr": 5.0}
+    reader = gf.hands.MujocoGrasp(model, data, "box", joints=["jl"], tau_max=limits)
+    assert (reader.joint_names, len(reader.passive_rows)) == (("jl",), 0)
+
+
 def test_what_touches_without_a_motor_is_said_to():
     model, data = jaws()
     with pytest.warns(UserWarning, match="no motor controls"):
