@@ -545,6 +545,34 @@ def test_files_that_are_no_models(tmp_path):
         from_mjcf(3, ["tip"])
 
 
+def test_missing_meshes_refuse_no_file(tmp_path):
+    """Whatever needs no mesh is that of a model without; a missing weight is said to be."""
+    xml = finger(HINGES, "".join(map(motor, "abc")))
+    expected = from_mjcf(compiled(xml), ["tip"])
+    assets = """<asset><mesh file="gone.stl"/><mesh name="pad" file="far/gone.obj"
+      scale="1 1 1e-3"/></asset><compiler meshdir="nowhere"/>"""
+    shapes = '<geom type="mesh" mesh="gone"/><geom type="mesh" mesh="pad"/>'
+    inertia = '<inertial pos="0 0 .01" mass=".02" diaginertia="1e-6 1e-6 1e-6"/>'
+    path = tmp_path / "hand.xml"
+    path.write_text(finger(HINGES, "".join(map(motor, "abc")), assets, inertia + shapes))
+    hand = from_mjcf(path, ["tip"])
+    assert hand.notes == ()
+    q = [0.1, 0.2, 0.3]
+    contacts = contacts_at([[0, 0, 0.1]], np.random.default_rng(9), [gf.PCWF(0.5)])
+    np.testing.assert_array_equal(hand.jacobian(contacts, q), expected.jacobian(contacts, q))
+    path.write_text(finger(HINGES, "".join(map(motor, "abc")), assets, shapes))
+    with pytest.warns(
+        UserWarning, match=r"missing \(gone\.stl, far/gone\.obj\), .* of link_c: tau"
+    ):
+        hand = from_mjcf(path, ["tip"])
+    np.testing.assert_array_equal(hand.jacobian(contacts, q), expected.jacobian(contacts, q))
+    # One that is there is read, and refused if it is no mesh.
+    (tmp_path / "nowhere").mkdir()
+    (tmp_path / "nowhere" / "gone.stl").write_text("no mesh")
+    with pytest.raises(gf.ModelImportError, match="not a model that MuJoCo reads"):
+        from_mjcf(path, ["tip"])
+
+
 def refused(match, fingertips=TIPS, xml=None, error=gf.InvalidInputError, **options):
     with pytest.raises(error, match=match):
         from_mjcf(compiled(xml or paper_hand_xml()), fingertips, **options)
