@@ -507,6 +507,31 @@ def test_pinocchios_own_mimic_joints_are_the_files():
     np.testing.assert_allclose(follower.J, grasp.J[3:], atol=1e-12)
 
 
+def test_a_gripper_whose_jaws_mimic_each_other_has_one_motor(written):
+    """Pinocchio keeps that only if it is asked to: then the model has one degree of freedom."""
+    limit = '<limit effort="20" velocity="1" lower="0" upper=".03"/>'
+    mimic = limit + '<mimic joint="ja" multiplier="-.5"/>'
+    joints = [
+        urdf_joint("ja", "base", "a", kind="prismatic", axis="1 0 0", more=limit),
+        urdf_joint("jb", "base", "b", kind="prismatic", axis="0 0 1", more=mimic),
+    ]
+    path = written(urdf_robot(["base", "a", "b"], joints))
+    model = pin.buildModelFromUrdf(str(path), mimic=True)
+    contacts = [
+        gf.Contact((-0.02, 0, 0), (1, 0, 0), gf.PCWF(0.5), (0, 0, 1)),
+        gf.Contact((0.02, 0, 0), (-1, 0, 0), gf.PCWF(0.5), (0, 0, 1)),
+    ]
+    grasp = gf.Grasp.from_pinocchio(model, [0.01], contacts, ["a", "b"])
+    again = gf.Grasp(contacts, from_urdf(path, ["a", "b"]), [0.01])
+    for each in (grasp, again):
+        assert each.joint_names == ("ja",)
+        np.testing.assert_allclose(each.J[:, 0], [1, 0, 0, 0, -0.5, 0], atol=1e-15)
+        # Jaw b goes down as a closes, so its weight helps to.
+        mass = pin.buildModelFromUrdf(str(path)).inertias[2].mass
+        assert mass > 0
+        assert each.tau_bias == pytest.approx([-0.5 * 9.81 * mass])
+
+
 def test_a_passive_joint_bears_what_it_weighs(written):
     model = pin.buildModelFromUrdf(str(written(with_efforts(0.5, 0, 0.5))))
     q = np.array([0.3, 0.4, -0.2])

@@ -148,7 +148,8 @@ class Grasp:
         ``tau_bias`` is what gravity and Coriolis forces take of the joints.
 
         Args:
-            model: a ``pinocchio.Model``; a floating base is taken as held.
+            model: a ``pinocchio.Model``; a floating base is taken as held. Mimic joints are in it
+                only if it was built with ``mimic=True``; otherwise each has a motor of its own.
             q: its configuration, shape (nq,).
             contacts: n contacts, in the model's world.
             links: the frame that makes each of them, by name; "universe" for what does not move.
