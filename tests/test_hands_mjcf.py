@@ -415,6 +415,7 @@ def test_a_joint_without_a_motor_is_an_equation():
         ('<general joint="a" gainprm="3" ctrlrange="-.3 .4"/>', "", (-0.9, 1.2)),
         ('<position joint="a" kp="3" ctrlrange="-1 1" forcerange="-.5 .5"/>', "", (-0.5, 0.5)),
         ('<motor joint="a"/>', 'actuatorfrcrange="-.7 .6"', (-0.7, 0.6)),
+        ('<cylinder joint="a" area=".5" bias=".1 0 0" ctrlrange="-.2 1"/>', "", (0, 0.6)),
         ('<motor joint="a" ctrlrange="-.5 1"/>', 'actuatorfrcrange="-.7 .6"', (-0.5, 0.6)),
         (
             '<motor joint="a" forcerange="0 .5"/><motor joint="a" gear="-1" forcerange="0 .2"/>',
@@ -494,6 +495,9 @@ def test_no_limit_at_all_is_refused_with_the_way_out():
     xml = finger(HINGES, motor("a") + motor("b", "") + '<position joint="c" ctrlrange="-1 1"/>')
     with pytest.raises(gf.ModelImportError, match=r"no torque limit for b, c: give tau_max"):
         from_mjcf(compiled(xml), ["tip"])
+    damped = '<cylinder joint="c" area=".5" bias="0 0 -1" ctrlrange="-1 1"/>'
+    with pytest.raises(gf.ModelImportError, match=r"no torque limit for b, c: give tau_max"):
+        from_mjcf(compiled(finger(HINGES, motor("a") + motor("b", "") + damped)), ["tip"])
     hand = from_mjcf(compiled(xml), ["tip"], tau_max={"b": 0.4, "c": 0.3})
     assert hand.tau_hi.tolist() == [1, 0.4, 0.3]
 

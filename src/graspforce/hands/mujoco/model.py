@@ -150,14 +150,29 @@ def joints_as_drives(
 
 def is_plain_motor(model: Any, motor: int) -> bool:
     """Return whether an actuator's force is its gain times its control, as of a <motor>."""
+    none = int(mujoco_module().mjtBias.mjBIAS_NONE)
+    return _constant_bias(model, motor) is not None and int(model.actuator_biastype[motor]) == none
+
+
+def _constant_bias(model: Any, motor: int) -> float | None:
+    """Return the force that an actuator adds to its gain times its control.
+
+    None where its force is not of that kind, as of a servo, whose depends on where the joint is.
+    """
     mj = mujoco_module()
     filters = (mj.mjtDyn.mjDYN_NONE, mj.mjtDyn.mjDYN_FILTER, mj.mjtDyn.mjDYN_FILTEREXACT)
-    return bool(
+    by_control = (
         model.actuator_ctrlnum[motor] == 1
         and model.actuator_gaintype[motor] == int(mj.mjtGain.mjGAIN_FIXED)
-        and model.actuator_biastype[motor] == int(mj.mjtBias.mjBIAS_NONE)
         and model.actuator_dyntype[motor] in [int(each) for each in filters]
     )
+    constant, by_length, by_velocity = model.actuator_biasprm[motor, :3].tolist()
+    kind = int(model.actuator_biastype[motor])
+    if by_control and kind == int(mj.mjtBias.mjBIAS_NONE):
+        return 0.0
+    if by_control and kind == int(mj.mjtBias.mjBIAS_AFFINE) and not (by_length or by_velocity):
+        return constant
+    return None
 
 
 def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
@@ -168,8 +183,9 @@ def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
     input_ = int(model.actuator_ctrladr[motor])
     if _is_muscle(model, motor):  # it pulls, and gear says which way that is at the joint
         low, high = max(low, -_peak_force(model, motor)), min(high, 0.0)
-    if is_plain_motor(model, motor) and model.actuator_ctrllimited[input_]:
-        ends = sorted(model.actuator_gainprm[motor, 0] * model.actuator_ctrlrange[input_])
+    bias = _constant_bias(model, motor)
+    if bias is not None and model.actuator_ctrllimited[input_]:
+        ends = sorted(model.actuator_gainprm[motor, 0] * model.actuator_ctrlrange[input_] + bias)
         low, high = max(low, ends[0]), min(high, ends[1])
     return float(low), float(high)
 
