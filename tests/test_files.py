@@ -312,6 +312,98 @@ def test_npz_stacks_are_the_problems_that_python_makes(tmp_path):
         )
 
 
+def geometry(B=3, n=2, seed=1):
+    """Points around the origin, and unit normals to it as data sets hold them: in float32."""
+    points = np.random.default_rng(seed).normal(size=(B, n, 3)) * 0.04
+    normals = -points / np.linalg.norm(points, axis=-1, keepdims=True)
+    data = stacks(B, n) | {"points": points, "normals": normals.astype(np.float32)}
+    del data["W"]
+    return data
+
+
+@pytest.mark.parametrize("origin", [None, [0.0, 0.01, 0.02], np.eye(3) * 0.01])
+@pytest.mark.parametrize("tangents", [None, np.random.default_rng(4).normal(size=(3, 2, 3))])
+def test_npz_points_and_normals_are_the_grasps_that_python_makes(tmp_path, origin, tangents):
+    data = geometry()
+    extra = {"origin": origin, "tangents": tangents}
+    np.savez(tmp_path / "s.npz", **data, **{k: v for k, v in extra.items() if v is not None})
+    grasps, unused = files.load(tmp_path / "s.npz")
+    assert unused == []
+    for i, (name, problem) in enumerate(grasps):
+        assert name == data["names"][i]
+        contacts = [
+            gf.Contact(
+                data["points"][i, j], data["normals"][i, j], gf.PCWF(data["mu"][i, j]),
+                None if tangents is None else tangents[i, j],
+            )
+            for j in range(2)
+        ]  # fmt: skip
+        about = (0, 0, 0) if origin is None else np.broadcast_to(origin, (3, 3))[i]
+        expected = gf.Grasp(contacts, origin=about).problem(
+            data["f"][i], J=data["J"][i], tau_lo=-data["tau_limit"][i], tau_hi=data["tau_limit"][i],
+            c_max=data["c_max"][i], alpha=data["alpha"][i],
+        )  # fmt: skip
+        np.testing.assert_allclose(problem.W, expected.W, atol=1e-15)
+        assert problem.replace(W=expected.W) == expected
+
+
+def test_npz_points_beside_w_are_left_alone(tmp_path):
+    """W says what the grasps are; its frames may be others than the package chooses."""
+    data = geometry() | {"points": np.ones((7, 3)), "origin": 3.0} | {"W": stacks()["W"]}
+    np.savez(tmp_path / "s.npz", **data)
+    grasps, unused = files.load(tmp_path / "s.npz")
+    assert sorted(unused) == sorted(files.unused_keys(tmp_path / "s.npz"))
+    assert sorted(unused) == ["normals", "origin", "points"]
+    np.savez(tmp_path / "s.npz", **stacks())
+    assert [each.problem for each in grasps] == [p for _, p in files.read(tmp_path / "s.npz")]
+
+
+def test_npz_points_that_look_like_a_slip_are_warned_of_once(tmp_path):
+    data = geometry()
+    np.savez(tmp_path / "s.npz", **data | {"points": data["points"] * 1000})
+    with pytest.warns(gf.GraspForceWarning, match="millimetres") as caught:
+        files.read(tmp_path / "s.npz")
+    assert len(caught) == 1
+
+
+BAD_GEOMETRY = {
+    "no normals": ({"normals": None}, r"normals: missing; expected normals \(B, n, 3\) beside"),
+    "no points": ({"points": None}, "W: missing; expected at least W .*, or points and normals"),
+    "one grasp's": ({"points": np.ones((2, 3))}, r"points: got shape \(2, 3\), .*\(B, n, 3\)"),
+    "none": ({"points": np.ones((0, 2, 3))}, r"points: got shape \(0, 2, 3\), expected at least"),
+    "no contacts": (
+        {"points": np.ones((3, 0, 3))},
+        r"points: got shape \(3, 0, 3\), expected shape",
+    ),
+    "flat": (
+        {"points": np.ones((3, 2, 2))},
+        r"points: got shape \(3, 2, 2\), expected .*\(3, n, 3",
+    ),
+    "fewer": ({"normals": np.ones((2, 2, 3))}, "normals: got 2 entries, .* grasp in points"),
+    "other n": (
+        {"normals": np.ones((3, 4, 3))},
+        r"normals: got shape \(3, 4, 3\), expected .*2, 3",
+    ),
+    "long": (
+        {"normals": 2 * geometry()["normals"]},
+        r"grasp 0 'grasp 0 ä': contacts\[0\]: normal: got .* of length 2, expected a unit vector",
+    ),
+    "along": ({"tangents": geometry()["normals"]}, r"contacts\[0\]: tangent: .* across the normal"),
+    "scalar origin": ({"origin": 1.0}, r"origin: got shape \(\), expected a stack \(B, 3\)"),
+    "NaN": ({"points": np.full((3, 2, 3), np.nan)}, r"points\[0, 0, 0\]: got nan"),
+}
+
+
+@pytest.mark.parametrize(("changes", "message"), BAD_GEOMETRY.values(), ids=BAD_GEOMETRY)
+def test_npz_bad_points_are_refused(tmp_path, changes, message):
+    path = tmp_path / "bad.npz"
+    data = {key: value for key, value in (geometry() | changes).items() if value is not None}
+    np.savez(path, **data)
+    with pytest.raises(gf.InvalidInputError, match=message) as caught:
+        files.read(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
 def test_npz_scalars_stand_for_all(tmp_path):
     data = stacks()
     short = data | {"mu": 0.5, "tau_limit": 1.5, "c_max": 7, "alpha": 2}
@@ -420,7 +512,7 @@ def last_nan():
 
 
 BAD_STACKS = {
-    "no W": ({"W": None}, r"W: missing; expected at least W \(B, k, m\), f \(B, k\) and mu"),
+    "no W": ({"W": None}, r"W: missing; expected at least W .*, or points and normals"),
     "no f": ({"f": None}, "f: missing"),
     "no mu": ({"mu": None}, "mu: missing"),
     "one grasp's W": ({"W": np.ones((6, 6))}, r"W: got shape \(6, 6\), expected a stack \(B, k, "),

@@ -124,6 +124,32 @@ def test_it_is_the_imported_hands_jacobian():
 
 
 @pytest.mark.parametrize(
+    ("joint", "gravity"),
+    [
+        ("", "0 0 -9.81"),
+        ('stiffness=".1" springref=".4"', "0 0 0"),
+        ('stiffness=".1"', "2 3 -9"),
+        ('actuatorgravcomp="true"', "0 0 -9.81"),
+    ],
+)
+def test_the_imported_hand_has_the_same_weight_and_springs(joint, gravity):
+    options = f'{FIRM} gravity="{gravity}"'
+    text = paper_hand_xml(world=CUBE, tip=PAD, options=options, joint=joint)
+    text = text.replace('<body name="f1_distal"', '<body name="f1_distal" gravcomp=".5"')
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[ROBOT] = scene()[1].qpos[ROBOT]
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    hand = from_mjcf(model, TIPS).touching(grasp.links)
+    again = gf.Grasp(grasp.contacts, hand, data.qpos[ROBOT], origin=grasp.origin)
+    assert np.abs(grasp.tau_bias).max() > 1e-3
+    np.testing.assert_allclose(again.tau_bias, grasp.tau_bias, atol=1e-12)
+    found = [gf.solve(each.problem(WEIGHT), check=True) for each in (grasp, again)]
+    np.testing.assert_allclose(found[1].tau, found[0].tau, atol=1e-8)
+
+
+@pytest.mark.parametrize(
     "joint",
     [
         "",
@@ -529,7 +555,7 @@ def test_an_object_that_nothing_touches_names_the_fingers():
     data.qpos[12:15] = 1, 1, 1
     mujoco.mj_forward(model, data)
     refused(
-        r"no finger is in contact with 'cube'.*: f1_distal, f2_distal, f3_distal, f4_distal$",
+        r"data: got nothing in contact with 'cube'.*: f1_distal, f2_distal, f3_distal, f4_distal$",
         model, data, "cube",
     )  # fmt: skip
     # Lying on a table it is touched, but by no finger.
@@ -537,7 +563,178 @@ def test_an_object_that_nothing_touches_names_the_fingers():
     data.qpos[12:15] = 1, 1, -0.5 + 0.0374
     mujoco.mj_forward(model, data)
     assert data.ncon == 4
-    refused("no finger is in contact with 'cube'", model, data, "cube")
+    refused(
+        "data: got world in contact with 'cube' .*, expected something that a motor moves; fingers",
+        model, data, "cube",
+    )  # fmt: skip
+
+
+# ---- hands without motors in the file, and fingers that nothing drives -------------------------
+
+
+SLIDE = '<joint name="j{0}" type="slide" axis="{1} 0 0"/>'
+
+
+def jaws(attributes="", joint=SLIDE, on_object="", extra=""):
+    """Two jaws, 0.5 mm into a box of 4 cm: a model and its data."""
+    both = "".join(
+        f"""<body name="{name}" pos="{x} 0 .1" {attributes}>{joint.format(name, axis)}
+          <geom type="box" size=".005 .01 .01" mass=".05"/></body>"""
+        for name, x, axis in (("l", -0.0245, 1), ("r", 0.0245, -1))
+    )
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option {FIRM}/><worldbody>
+      <body name="box" pos="0 0 .1"><freejoint/>
+        <geom type="box" size=".02 .02 .03" mass=".2" friction=".7"/>{on_object}</body>{both}
+      </worldbody>{extra}</mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+HELD = [0, 0, 0.2 * 9.81, 0, 0, 0]
+
+
+def test_tau_max_makes_motors_where_the_file_has_none():
+    model, data = jaws()
+    for tau_max in (20.0, {"jl": 20.0, "jr": 20.0}):
+        grasp = gf.Grasp.from_mujoco(model, data, "box", tau_max=tau_max)
+        assert grasp.joint_names == ("jl", "jr")
+        assert (grasp.tau_lo.tolist(), grasp.tau_hi.tolist()) == ([-20.0] * 2, [20.0] * 2)
+        hand = from_mjcf(model, ["l", "r"], tau_max=tau_max).touching(grasp.links)
+        np.testing.assert_allclose(grasp.J, hand.jacobian(grasp.contacts, [0, 0]), atol=1e-14)
+        normals = np.abs(grasp.J[::3])  # each jaw's slide moves its points along their normals
+        assert sorted(normals.tolist()) == [[0, 1]] * 4 + [[1, 0]] * 4
+        gf.solve(grasp.problem(HELD), check=True)
+    # A motor for one: the other jaw is a joint without, which may bear nothing.
+    with pytest.warns(UserWarning, match="no motor controls 'jr'"):
+        grasp = gf.Grasp.from_mujoco(model, data, "box", tau_max={"jl": 20.0})
+    assert (grasp.joint_names, len(grasp.passive_rows)) == (("jl",), 1)
+    with pytest.raises(
+        gf.InvalidInputError, match=r"tau_max: got a limit for 'j', .*one of jl, jr$"
+    ):
+        from_mjcf(model, ["l", "r"], tau_max={"j": 1.0})
+
+
+def test_one_number_makes_no_motors_of_followers_nor_beside_the_files():
+    follow = '<equality><joint joint1="jr" joint2="jl"/></equality>'
+    model, data = jaws(extra=follow)
+    grasp = gf.Grasp.from_mujoco(model, data, "box", tau_max=20.0)
+    assert grasp.joint_names == ("jl",)
+    assert from_mjcf(model, ["l", "r"], tau_max=20.0).joint_names == ("jl",)
+    gf.solve(grasp.problem(HELD), check=True)
+    model, data = jaws(extra='<actuator><motor joint="jl"/></actuator>')
+    with pytest.warns(UserWarning, match="no motor controls 'jr'"):
+        grasp = gf.Grasp.from_mujoco(model, data, "box", tau_max=20.0)
+    assert grasp.joint_names == ("jl",)
+    grasp = gf.Grasp.from_mujoco(model, data, "box", tau_max={"jl": 20.0, "jr": 5.0})
+    assert dict(zip(grasp.joint_names, grasp.tau_hi.tolist(), strict=True)) == {"jl": 20, "jr": 5}
+
+
+def test_one_number_makes_no_motor_of_a_lid():
+    geom = '<geom type="box" size=".02 .02 .03" mass=".01" friction=".7"/>'
+    lid = f'<body name="lid"><joint name="hinge" axis="0 1 0"/>{geom}</body>'
+    model, data = jaws(on_object=lid)  # the jaws hold both
+    with pytest.warns(UserWarning, match="no motor controls 'hinge'"):
+        grasp = gf.Grasp.from_mujoco(model, data, "box", tau_max=20.0)
+    assert grasp.joint_names == ("jl", "jr")
+    grasp = gf.Grasp.from_mujoco(model, data, "box", tau_max={"jl": 9, "jr": 9, "hinge": 1})
+    assert set(grasp.joint_names) == {"jl", "jr", "hinge"}  # a robot on its feet is an object, too
+
+
+def test_limits_for_fingers_that_are_elsewhere_wait_for_their_contact():
+    model, data = jaws()
+    data.joint("jr").qpos = -0.02
+    mujoco.mj_forward(model, data)
+    reader = gf.hands.MujocoGrasp(model, data, "box", tau_max={"jl": 20.0, "jr": 5.0})
+    assert reader.joint_names == ("jl",)
+    data.joint("jr").qpos = 0
+    mujoco.mj_forward(model, data)
+    reader.update(data)
+    assert (reader.joint_names, reader.tau_hi.tolist()) == (("jl", "jr"), [20, 5])
+
+
+def test_a_motor_of_tau_maxs_that_is_not_asked_for_holds_its_joint():
+    model, data = jaws()
+    limits = {"jl": 20.0, "jr": 5.0}
+    reader = gf.hands.MujocoGrasp(model, data, "box", joints=["jl"], tau_max=limits)
+    assert (reader.joint_names, len(reader.passive_rows)) == (("jl",), 0)
+
+
+def test_what_touches_without_a_motor_is_said_to():
+    model, data = jaws()
+    with pytest.warns(UserWarning, match="no motor controls"):
+        refused(
+            "data: got l, r in contact with 'box' .*; tau_max gives motors to joints: jl, jr;",
+            model, data, "box",
+        )  # fmt: skip
+    with pytest.raises(gf.InvalidInputError, match="nothing is computed in it yet"):
+        gf.Grasp.from_mujoco(model, mujoco.MjData(model), "box", tau_max=20.0)
+
+
+WELDED = "".join(
+    f'<weld body1="{name}" body2="lead_{name}" relpose="0 0 0 1 0 0 0"/>' for name in "lr"
+)
+LEADS = "".join(
+    f'<worldbody><body name="lead_{name}" pos="{x} 0 .1" mocap="true"/></worldbody>'
+    for name, x in (("l", -0.0245), ("r", 0.0245))
+)
+MOCAP = {
+    "mocap bodies": {"attributes": 'mocap="true"', "joint": ""},
+    "bodies that mocap bodies lead": {
+        "joint": "<freejoint/>",
+        "extra": f"{LEADS}<equality>{WELDED}</equality>",
+    },
+}
+
+
+@pytest.mark.parametrize("case", MOCAP)
+def test_fingers_of_prescribed_motion_give_a_problem_without_joints(case):
+    model, data = jaws(**MOCAP[case])
+    grasp = gf.Grasp.from_mujoco(model, data, "box")
+    assert set(grasp.links) == {"l", "r"}
+    assert (grasp.J, grasp.tau_lo, grasp.tau_bias, grasp.joint_names) == (None, None, None, ())
+    problem = grasp.problem(HELD, c_max=10.0)
+    solution = gf.solve(problem, check=True)
+    np.testing.assert_allclose(grasp.W @ solution.c, HELD, atol=1e-9)
+    bare = gf.Grasp(grasp.contacts, origin=grasp.origin).problem(HELD, c_max=10.0)
+    np.testing.assert_allclose(solution.c, gf.solve(bare).c, atol=1e-9)
+
+
+# ---- motors that act one way -------------------------------------------------------------------
+
+
+def pulled(gear="1", more="", tau_max=None):
+    muscle = '<muscle joint="j{}" lengthrange="0 .1" gear="{}" {}/>'
+    motors = "".join(muscle.format(name, gear, more) for name in "lr")
+    model, data = jaws(extra=f"<actuator>{motors}</actuator>")
+    return gf.Grasp.from_mujoco(model, data, "box", tau_max=tau_max)
+
+
+def test_muscles_pull_only():
+    grasp = pulled(more='force="30"')
+    assert (grasp.tau_lo.tolist(), grasp.tau_hi.tolist()) == ([-30.0] * 2, [0.0] * 2)
+    assert "muscle 'actuator 0' only pulls" in grasp.notes[0]
+    assert gf.solve(grasp.problem(HELD)).status is gf.Status.INFEASIBLE  # they open the jaws
+    assert pulled(more='force="30"', tau_max=20.0).tau_lo.tolist() == [-20.0] * 2
+    assert pulled(more='force="30"', tau_max=20.0).tau_hi.tolist() == [0.0] * 2
+    grasp = pulled("-2", 'force="30"')  # over a pulley, so that it closes them
+    assert (grasp.tau_lo.tolist(), grasp.tau_hi.tolist()) == ([0.0] * 2, [60.0] * 2)
+    gf.solve(grasp.problem(HELD), check=True)
+    assert pulled(more='force="30" forcerange="-8 1"').tau_lo.tolist() == [-8.0] * 2
+
+
+def test_a_muscles_peak_force_is_the_simulators():
+    """Also where it follows from its scale and the mass that it moves."""
+    grasp = pulled(more='scale="5"')
+    motors = "".join(f'<muscle joint="j{n}" lengthrange="0 .1" scale="5"/>' for n in "lr")
+    model = jaws(extra=f"<actuator>{motors}</actuator>")[0]
+    lo, hi = model.actuator_lengthrange[0]
+    lengths = np.linspace(lo - (hi - lo), hi + (hi - lo), 2001)
+    gains = [
+        mujoco.mju_muscleGain(x, 0, [lo, hi], model.actuator_acc0[0], model.actuator_gainprm[0, :9])
+        for x in lengths
+    ]
+    assert grasp.tau_lo[0] == pytest.approx(min(gains), rel=1e-5)
 
 
 def test_a_finger_that_has_to_touch_and_does_not():

@@ -101,7 +101,7 @@ def test_a_grasp_of_the_imported_hand_solves_like_the_papers():
     f = [0.1, 0, 2.5, 0, 0.01, 0]
     found = [
         gf.solve(gf.Grasp(contacts, hand, q).problem(f), check=True)
-        for hand in (own, from_mjcf(compiled(paper_hand_xml()), TIPS))
+        for hand in (own, from_mjcf(compiled(paper_hand_xml(options='gravity="0 0 0"')), TIPS))
     ]
     np.testing.assert_allclose(found[1].c, found[0].c, atol=1e-9)
     np.testing.assert_allclose(found[1].tau, found[0].tau, atol=1e-10)
@@ -248,6 +248,48 @@ def test_a_tendon_that_curls_two_joints():
         assert np.abs(rows[0]) == pytest.approx(np.abs(dx), abs=1e-8)
 
 
+SPRUNG = [
+    'name="a" axis="1 0 0" stiffness=".3" springref="20"',
+    'name="b" axis="0 1 0" stiffness=".05"',
+    'name="c" axis="0 1 0.2" stiffness=".2" damping=".1" frictionloss=".05"',
+]
+
+
+@pytest.mark.parametrize("gravity", ["0 0 0", "3 -4 -8"])
+def test_weight_and_springs_are_the_slope_of_the_energy(gravity):
+    """Over the motions of the drives, and over that which no drive takes part in."""
+    options = f'<option gravity="{gravity}"><flag energy="enable"/></option>'
+    spring = '<tendon><fixed name="curl" stiffness="40" springlength=".003"><joint'
+    motors = motor("a") + '<motor tendon="curl" forcerange="0 40"/>'
+    xml = finger(
+        SPRUNG, motors, options + TENDON.replace('<tendon><fixed name="curl"><joint', spring)
+    )
+    with pytest.warns(UserWarning, match="no motor controls 1 of 2 motions"):
+        hand = from_mjcf(compiled(xml), ["tip"])
+
+    def energy(angles):
+        data = mujoco.MjData(hand.robot.model)
+        data.qpos[:] = angles
+        mujoco.mj_forward(hand.robot.model, data)
+        return data.energy[0]
+
+    rng = np.random.default_rng(8)
+    for _ in range(3):
+        q = rng.uniform(-0.8, 0.8, 3)
+        slope = np.array([energy(q + e) - energy(q - e) for e in 1e-5 * np.eye(3)]) / 2e-5
+        by_drive = np.array([[1, 0], [0, 20], [0, 40]])  # the tendon's arms are 0.01 and 0.02
+        np.testing.assert_allclose(hand.tau_bias(q), by_drive.T @ slope, atol=1e-7)
+        contacts = contacts_at(hand.fingertip_positions(q) + 0.004, rng, [gf.PCWF(0.5)])
+        grasp = gf.Grasp(contacts, hand, q)
+        np.testing.assert_allclose(grasp.tau_bias, by_drive.T @ slope, atol=1e-7)
+        # Forces that hold it do no work over any motion but the drives', weight and springs
+        # included.
+        c = np.linalg.lstsq(grasp.passive_rows, grasp.passive_loads, rcond=None)[0]
+        still = np.array([0, 2, -1]) / 5**0.5
+        dx = in_frame(contacts[0], *material_velocity(hand, contacts[0], q, still))
+        assert c @ dx == pytest.approx(-slope @ still, abs=1e-7)
+
+
 def test_the_forces_of_an_underactuated_grasp_leave_its_free_motion_alone():
     """Two tendon fingers in a plane: the tendon turns both joints of a finger alike.
 
@@ -268,8 +310,8 @@ def test_the_forces_of_an_underactuated_grasp_leave_its_free_motion_alone():
     motors = "".join(f'<motor tendon="pull_{n}" forcerange="-50 50"/>' for n in "lr")
     worldbody = finger_at(-0.08, "l") + finger_at(0.08, "r")
     model = compiled(
-        f"""<mujoco><compiler autolimits="true"/><worldbody>{worldbody}</worldbody>
-        <tendon>{tendons}</tendon><actuator>{motors}</actuator></mujoco>"""
+        f"""<mujoco><compiler autolimits="true"/><option gravity="0 0 0"/>
+        <worldbody>{worldbody}</worldbody><tendon>{tendons}</tendon><actuator>{motors}</actuator></mujoco>"""
     )
     with pytest.warns(UserWarning, match="no motor controls"):
         hand = from_mjcf(model, ["l", "r"])
@@ -380,6 +422,7 @@ def test_a_joint_without_a_motor_is_an_equation():
         ('<general joint="a" gainprm="3" ctrlrange="-.3 .4"/>', "", (-0.9, 1.2)),
         ('<position joint="a" kp="3" ctrlrange="-1 1" forcerange="-.5 .5"/>', "", (-0.5, 0.5)),
         ('<motor joint="a"/>', 'actuatorfrcrange="-.7 .6"', (-0.7, 0.6)),
+        ('<cylinder joint="a" area=".5" bias=".1 0 0" ctrlrange="-.2 1"/>', "", (0, 0.6)),
         ('<motor joint="a" ctrlrange="-.5 1"/>', 'actuatorfrcrange="-.7 .6"', (-0.5, 0.6)),
         (
             '<motor joint="a" forcerange="0 .5"/><motor joint="a" gear="-1" forcerange="0 .2"/>',
@@ -459,8 +502,23 @@ def test_no_limit_at_all_is_refused_with_the_way_out():
     xml = finger(HINGES, motor("a") + motor("b", "") + '<position joint="c" ctrlrange="-1 1"/>')
     with pytest.raises(gf.ModelImportError, match=r"no torque limit for b, c: give tau_max"):
         from_mjcf(compiled(xml), ["tip"])
+    damped = '<cylinder joint="c" area=".5" bias="0 0 -1" ctrlrange="-1 1"/>'
+    with pytest.raises(gf.ModelImportError, match=r"no torque limit for b, c: give tau_max"):
+        from_mjcf(compiled(finger(HINGES, motor("a") + motor("b", "") + damped)), ["tip"])
     hand = from_mjcf(compiled(xml), ["tip"], tau_max={"b": 0.4, "c": 0.3})
     assert hand.tau_hi.tolist() == [1, 0.4, 0.3]
+
+
+def test_tau_max_of_motors_that_act_one_way():
+    """As tendons do: given both ways it would let them push."""
+    one_way = ['forcerange="0 5"', 'gear="-1" ctrlrange="0 2"', 'forcerange="-3 3"']
+    xml = finger(HINGES, "".join(map(motor, "abc", one_way)))
+    hand = from_mjcf(compiled(xml), ["tip"], tau_max=0.5)
+    assert (hand.tau_lo.tolist(), hand.tau_hi.tolist()) == ([0, -0.5, -0.5], [0.5, 0, 0.5])
+    # Two of them against each other act both ways.
+    pair = motor("a", 'forcerange="0 5"') + motor("a", 'gear="-1" forcerange="0 2"')
+    hand = from_mjcf(compiled(finger(HINGES[:1], pair)), ["tip"], tau_max=0.5)
+    assert (hand.tau_lo.tolist(), hand.tau_hi.tolist()) == ([-0.5], [0.5])
 
 
 def test_a_range_of_nothing_is_no_motor():
@@ -496,6 +554,34 @@ def test_files_that_are_no_models(tmp_path):
             from_mjcf(str(bad), ["tip"])
     with pytest.raises(gf.InvalidInputError, match="source: got 3, expected a path or an mujoco"):
         from_mjcf(3, ["tip"])
+
+
+def test_missing_meshes_refuse_no_file(tmp_path):
+    """Whatever needs no mesh is that of a model without; a missing weight is said to be."""
+    xml = finger(HINGES, "".join(map(motor, "abc")))
+    expected = from_mjcf(compiled(xml), ["tip"])
+    assets = """<asset><mesh file="gone.stl"/><mesh name="pad" file="far/gone.obj"
+      scale="1 1 1e-3"/></asset><compiler meshdir="nowhere"/>"""
+    shapes = '<geom type="mesh" mesh="gone"/><geom type="mesh" mesh="pad"/>'
+    inertia = '<inertial pos="0 0 .01" mass=".02" diaginertia="1e-6 1e-6 1e-6"/>'
+    path = tmp_path / "hand.xml"
+    path.write_text(finger(HINGES, "".join(map(motor, "abc")), assets, inertia + shapes))
+    hand = from_mjcf(path, ["tip"])
+    assert hand.notes == ()
+    q = [0.1, 0.2, 0.3]
+    contacts = contacts_at([[0, 0, 0.1]], np.random.default_rng(9), [gf.PCWF(0.5)])
+    np.testing.assert_array_equal(hand.jacobian(contacts, q), expected.jacobian(contacts, q))
+    path.write_text(finger(HINGES, "".join(map(motor, "abc")), assets, shapes))
+    with pytest.warns(
+        UserWarning, match=r"missing \(gone\.stl, far/gone\.obj\), .* of link_c: tau"
+    ):
+        hand = from_mjcf(path, ["tip"])
+    np.testing.assert_array_equal(hand.jacobian(contacts, q), expected.jacobian(contacts, q))
+    # One that is there is read, and refused if it is no mesh.
+    (tmp_path / "nowhere").mkdir()
+    (tmp_path / "nowhere" / "gone.stl").write_text("no mesh")
+    with pytest.raises(gf.ModelImportError, match="not a model that MuJoCo reads"):
+        from_mjcf(path, ["tip"])
 
 
 def refused(match, fingertips=TIPS, xml=None, error=gf.InvalidInputError, **options):

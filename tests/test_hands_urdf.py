@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from models import contacts_at, paper_hand_urdf, urdf_joint, urdf_robot
 
 import graspforce as gf
+from graspforce._util.native_stderr import native_stderr
 from graspforce.hands import Hand, PaperHand, UnderactuatedHand, from_mjcf, from_urdf
 
 pin = pytest.importorskip("pinocchio")
@@ -363,6 +366,43 @@ def test_from_pinocchio_is_the_hand_with_its_weight(written):
     np.testing.assert_allclose(solution.tau, grasp.J.T @ solution.c + grasp.tau_bias, atol=1e-12)
 
 
+def quietly(function, *arguments):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return function(*arguments)
+
+
+@pytest.mark.parametrize("case", ["a joint that follows", "a joint without a motor"])
+def test_a_hand_from_a_file_weighs_what_its_model_does(case, written):
+    follows = case == "a joint that follows"
+    mimic = {"c": 'joint="b" multiplier=".7"'}
+    path = written(mimicking("abc", mimic) if follows else with_efforts(0.5, 0, 0.5))
+    model = pin.buildModelFromUrdf(str(path), mimic=True)
+    hand = quietly(from_urdf, path, ["tip"])
+    rng = np.random.default_rng(14)
+    q = rng.uniform(-0.8, 0.8, len(hand.q_names))
+    contacts = contacts_at(hand.fingertip_positions(q) + 0.01, rng, [gf.SFC(0.5, 0.01)])
+    other = quietly(gf.Grasp.from_pinocchio, model, q, contacts, ["tip"])
+    grasp = gf.Grasp(contacts, hand, q)
+    assert grasp.joint_names == other.joint_names
+    assert np.abs(grasp.tau_bias).max() > 1e-4
+    np.testing.assert_allclose(grasp.J, other.J, atol=1e-14)
+    np.testing.assert_allclose(grasp.tau_bias, other.tau_bias, atol=1e-14)
+    # The sign of a motion that nothing drives is nobody's.
+    mine, theirs = (each.passive_rows * each.passive_loads[:, None] for each in (grasp, other))
+    np.testing.assert_allclose(mine, theirs, atol=1e-14)
+    assert len(mine) == 1 - follows
+    plain = pin.buildModelFromUrdf(str(path))
+
+    def energy(angles):
+        whole = [*angles, 0.7 * angles[1]] if follows else angles
+        return pin.computePotentialEnergy(plain, plain.createData(), np.array(whole))
+
+    slope = [(energy(q + e) - energy(q - e)) / 2e-6 for e in 1e-6 * np.eye(len(q))]
+    driven = [hand.q_names.index(name) for name in hand.joint_names]
+    np.testing.assert_allclose(grasp.tau_bias, np.array(slope)[driven], atol=1e-8)
+
+
 def test_several_contacts_and_what_does_not_move(written):
     model = paper_model(written)
     contacts = cube_contacts()
@@ -467,6 +507,31 @@ def test_pinocchios_own_mimic_joints_are_the_files():
     np.testing.assert_allclose(follower.J, grasp.J[3:], atol=1e-12)
 
 
+def test_a_gripper_whose_jaws_mimic_each_other_has_one_motor(written):
+    """Pinocchio keeps that only if it is asked to: then the model has one degree of freedom."""
+    limit = '<limit effort="20" velocity="1" lower="0" upper=".03"/>'
+    mimic = limit + '<mimic joint="ja" multiplier="-.5"/>'
+    joints = [
+        urdf_joint("ja", "base", "a", kind="prismatic", axis="1 0 0", more=limit),
+        urdf_joint("jb", "base", "b", kind="prismatic", axis="0 0 1", more=mimic),
+    ]
+    path = written(urdf_robot(["base", "a", "b"], joints))
+    model = pin.buildModelFromUrdf(str(path), mimic=True)
+    contacts = [
+        gf.Contact((-0.02, 0, 0), (1, 0, 0), gf.PCWF(0.5), (0, 0, 1)),
+        gf.Contact((0.02, 0, 0), (-1, 0, 0), gf.PCWF(0.5), (0, 0, 1)),
+    ]
+    grasp = gf.Grasp.from_pinocchio(model, [0.01], contacts, ["a", "b"])
+    again = gf.Grasp(contacts, from_urdf(path, ["a", "b"]), [0.01])
+    for each in (grasp, again):
+        assert each.joint_names == ("ja",)
+        np.testing.assert_allclose(each.J[:, 0], [1, 0, 0, 0, -0.5, 0], atol=1e-15)
+        # Jaw b goes down as a closes, so its weight helps to.
+        mass = pin.buildModelFromUrdf(str(path)).inertias[2].mass
+        assert mass > 0
+        assert each.tau_bias == pytest.approx([-0.5 * 9.81 * mass])
+
+
 def test_a_passive_joint_bears_what_it_weighs(written):
     model = pin.buildModelFromUrdf(str(written(with_efforts(0.5, 0, 0.5))))
     q = np.array([0.3, 0.4, -0.2])
@@ -502,12 +567,31 @@ def test_files_that_are_no_urdf(tmp_path, capfd):
     with pytest.raises(gf.ModelImportError, match="got <mujoco>, expected a URDF's <robot>"):
         from_urdf(bad, ["tip"])
     assert capfd.readouterr() == ("", "")  # Pinocchio's parser was not let at them
-    bad.write_text('<robot name="r"><link name="a"/><link name="b"/></robot>')  # two roots
-    with pytest.raises(gf.ModelImportError, match="not a robot that Pinocchio reads"):
-        from_urdf(bad, ["tip"])
+    tie = '<joint name="j" type="{}"><parent link="a"/><child link="{}"/></joint>'
+    links = '<link name="a"/><link name="b"/>'
+    for text, reason in (
+        (links, r"Two root links found: \[a\] and \[b\]$"),
+        (links + tie.format("fixed", "c"), r"child link \[c\] of joint \[j\] not found$"),
+        (links + tie.format("revolute", "b"), r"REVOLUTE but it does not specify limits"),
+        (links + '<link name="a"/>', r"link 'a' is not unique"),
+    ):
+        bad.write_text(f'<robot name="r">{text}</robot>')
+        with pytest.raises(
+            gf.ModelImportError, match=f"not a robot that Pinocchio reads: .*{reason}"
+        ):
+            from_urdf(bad, ["tip"])
+    assert capfd.readouterr() == ("", "")
     bad.write_text(mimicking("abc", {"c": 'joint="b" multiplier="two"'}))
     with pytest.raises(gf.ModelImportError, match="mimic of joint 'c': could not convert"):
         from_urdf(bad, ["tip"])
+
+
+def test_what_is_printed_of_a_file_that_is_read_is_not_lost(capfd):
+    with native_stderr() as said:
+        os.write(2, b"a warning\n")
+        assert capfd.readouterr().err == ""
+        assert said() == "a warning\n"
+    assert capfd.readouterr().err == "a warning\n"
 
 
 def test_names_that_are_not_there(written):

@@ -40,6 +40,9 @@ from graspforce.errors import InvalidInputError, warn
 # A normal this close to unit length is normalised; others are refused.
 UNIT_TOLERANCE = 1e-6
 
+# Below this share of its length across the normal, a tangent is one along it.
+LEAST_ACROSS = 1e-9
+
 # Above these, contacts' distance [m] and gamma [m] are probably in millimetres.
 LARGEST_SPAN = 5.0
 LARGEST_GAMMA = 1.0
@@ -253,7 +256,7 @@ class Contact:
         for _ in range(2):  # the second pass removes what cancellation left along the normal
             flat = flat - (flat @ unit) * unit
         length = math.hypot(*flat)
-        if length <= 1e-9:
+        if length <= LEAST_ACROSS:
             raise InvalidInputError(
                 f"tangent: got {along.tolist()}, expected a direction across the normal "
                 f"{unit.tolist()}"
@@ -322,5 +325,5 @@ def _unit(normal: Array) -> Array:
 
 
 def any_tangent(normal: Array) -> Array:
-    """Return the coordinate axis farthest from the normal, for the caller to project."""
-    return np.eye(3)[int(np.argmin(np.abs(normal)))]
+    """Return the coordinate axis farthest from each normal, shape (…, 3), to be projected."""
+    return np.eye(3)[np.argmin(np.abs(normal), axis=-1)]

@@ -32,14 +32,16 @@ class Grasp:
         models: their models.
         origin: the point about which the torque in f is taken, shape (3,) [m].
         W: grasp map, shape (6, m).
-        J: hand Jacobian in contact frames, shape (m, n_joints); None without a hand.
+        J: hand Jacobian in contact frames, shape (m, n_joints); None without a hand, and where no
+            motor moves what touches.
         tau_lo: lower torque limits, shape (n_joints,) [N·m]; None without a hand.
         tau_hi: upper torque limits, likewise.
-        tau_bias: what the joints must give besides, likewise; 0 unless read from a robot.
+        tau_bias: what the joints must give besides, likewise: against gravity and springs, where
+            the hand knows them (:class:`graspforce.hands.LoadedHand`), else 0.
         joint_names: the n_joints joints; empty without a hand.
         passive_rows: of an underactuated hand, the virtual work of c over the motions that no
             motor moves, shape (k, m); k = 0 for others.
-        passive_loads: what that work has to be, shape (k,): 0 but for the fingers' own weight.
+        passive_loads: what that work has to be, shape (k,): 0 but for weight and springs.
         links: what makes each contact, where that was read from a robot; otherwise empty.
         notes: remarks of the import from a robot.
 
@@ -88,6 +90,8 @@ class Grasp:
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
             self.passive_rows, self.passive_loads,
         ) = actuation  # fmt: skip
+        if not self.joint_names:  # what touches has no motors, as mocap bodies
+            self.J = self.tau_lo = self.tau_hi = self.tau_bias = None
 
     @classmethod
     def from_mujoco(
@@ -111,13 +115,17 @@ class Grasp:
             data: its ``mujoco.MjData``.
             object_body: name or number of the object's body.
             fingertips: bodies or sites that have to touch the object; by default any one.
-            tau_max: torque limits in place of the model's, both ways: one number for all, or by
-                name [N·m; N for slides and tendons].
+            tau_max: torque limits in place of the model's, both ways unless the model's motor acts
+                one way only: one number for all, or by name [N·m; N for slides and tendons]. A
+                joint without a motor that it names gets one; where the model has no motors, one
+                number makes motors of all hinges and slides that follow no other joint and are not
+                the object's.
 
         Raises:
             MissingExtraError: MuJoCo is not installed.
-            InvalidInputError: a name that is not there; an object that is fixed, or that no
-                finger touches: the text says which fingers lack contact.
+            InvalidInputError: a name that is not there; an object that is fixed, or that
+                nothing with a motor touches, nor a mocap body: the text says which fingers lack
+                contact.
             ModelImportError: a joint or tendon with a motor but without a torque limit.
         """
         from graspforce.hands.mujoco.grasp import held_grasp
@@ -140,7 +148,8 @@ class Grasp:
         ``tau_bias`` is what gravity and Coriolis forces take of the joints.
 
         Args:
-            model: a ``pinocchio.Model``; a floating base is taken as held.
+            model: a ``pinocchio.Model``; a floating base is taken as held. Mimic joints are in it
+                only if it was built with ``mimic=True``; otherwise each has a motor of its own.
             q: its configuration, shape (nq,).
             contacts: n contacts, in the model's world.
             links: the frame that makes each of them, by name; "universe" for what does not move.

@@ -42,3 +42,25 @@ def map_about(origin: Array, contacts: Sequence[Contact]) -> Array:
         force, torque = np.split(contact.wrench_basis, 2)
         columns.append(np.vstack((force, torque + cross(contact.point - origin, force))))
     return np.hstack(columns)
+
+
+def stacked_maps(origins: Array, points: Array, normals: Array, tangents: Array) -> Array:
+    """Return the grasp maps of B grasps of n contacts with friction, shape (B, 6, 3 n).
+
+    The frames are those of :class:`graspforce.Contact`.
+
+    Args:
+        origins: shape (B, 1, 3) [m].
+        points: shape (B, n, 3) [m].
+        normals: shape (B, n, 3), unit vectors within rounding.
+        tangents: shape (B, n, 3), any length, not along the normals.
+    """
+    normals = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    flat = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
+    for _ in range(2):  # once more for what cancellation has left of the normal
+        flat = flat - (flat * normals).sum(axis=-1, keepdims=True) * normals
+    flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
+    axes = np.stack((normals, flat, cross(normals.T, flat.T).T), axis=-2)
+    torques = cross((points - origins)[:, :, None].T, axes.T).T
+    wrenches = np.concatenate((axes, torques), axis=-1)
+    return wrenches.reshape(len(points), -1, 6).swapaxes(1, 2)

@@ -1,7 +1,8 @@
 """Grasps from NPZ: stacked arrays, one grasp an entry, point contacts with friction.
 
-Meant for many grasps of one hand. Data sets carry more than the problems themselves, so keys
-that are not part of the format are left alone; :func:`unused_keys` lists them.
+Meant for many grasps of one hand. W may come as it is or as points and normals. Data sets carry
+more than the problems themselves, so keys that are not part of the format are left alone;
+:func:`unused_keys` lists them.
 """
 
 from __future__ import annotations
@@ -16,9 +17,17 @@ from numpy.lib.npyio import NpzFile
 from graspforce._engine import native
 from graspforce._engine.layout import FIELDS
 from graspforce._util.arrays import Array, as_array, require
-from graspforce.contact import PCWF
+from graspforce.contact import (
+    LEAST_ACROSS,
+    PCWF,
+    UNIT_TOLERANCE,
+    Contact,
+    any_tangent,
+    warn_of_slips,
+)
 from graspforce.errors import InvalidInputError, error_context
 from graspforce.files.named import GraspFile, NamedProblem, default_name
+from graspforce.grasp_map import stacked_maps
 from graspforce.problem import ForceProblem
 
 # Each may be a number for all, a number a grasp (B,), or a stack (B, n), (B, n_joints) or (B, m).
@@ -34,9 +43,11 @@ _STACKS = {
     for name, field in FIELDS.items()
     if name not in (*_PER_GRASP, "gamma")
 }
+# What the grasp maps are made of where the file has no W.
+_GEOMETRY = ("points", "normals", "tangents", "origin")
 # Either gives the names; the first that is there.
 _NAMES = ("names", "object")
-KEYS = (*_STACKS, *_PER_GRASP, *_NAMES)
+KEYS = (*_STACKS, *_PER_GRASP, *_GEOMETRY, *_NAMES)
 
 
 def read_npz(file: BinaryIO, stem: str) -> GraspFile:
@@ -51,15 +62,24 @@ def read_npz(file: BinaryIO, stem: str) -> GraspFile:
             refused; the text names the key or the grasp.
     """
     arrays, unused = _load(file)
+    if "points" in arrays and "normals" not in arrays:
+        raise InvalidInputError("normals: missing; expected normals (B, n, 3) beside points")
     for key in ("W", "f", "mu"):
-        if key not in arrays:
+        if key not in arrays and not (key == "W" and "points" in arrays):
             raise InvalidInputError(
-                f"{key}: missing; expected at least W (B, k, m), f (B, k) and mu"
+                f"{key}: missing; expected at least W (B, k, m), or points and normals (B, n, 3), "
+                "f (B, k) and mu"
             )
     if "tau_limit" in arrays and ("tau_lo" in arrays or "tau_hi" in arrays):
         raise InvalidInputError("tau_limit: given beside tau_lo or tau_hi, expected one or other")
+    origin = arrays.pop("origin", np.zeros(3))
+    if origin.shape != (3,):  # one for each grasp
+        arrays["origin"] = origin
     count = _count(arrays)
     names = _names(arrays, stem, count)
+    geometry = {key: arrays.pop(key) for key in _GEOMETRY if key in arrays}
+    if "W" not in arrays:
+        arrays["W"] = _grasp_maps({"origin": np.broadcast_to(origin, (count, 3))} | geometry, names)
     problems = _problems({key: arrays[key] for key in arrays if key not in _NAMES}, names)
     return GraspFile(list(map(NamedProblem, names, problems)), unused)
 
@@ -78,7 +98,13 @@ def unused_keys(path: str | Path) -> list[str]:
             keys = [name.removesuffix(".npy") for name in archive.namelist()]
     except (OSError, zipfile.BadZipFile) as error:
         raise InvalidInputError(f"{path}: cannot read the archive: {error}") from error
-    return [key for key in keys if key not in KEYS]
+    return _left_alone(keys)
+
+
+def _left_alone(keys: list[str]) -> list[str]:
+    """Return those of an archive's keys that are not read."""
+    read = set(KEYS).difference(_GEOMETRY if "W" in keys else ())
+    return [key for key in keys if key not in read]
 
 
 def _load(file: BinaryIO) -> tuple[dict[str, np.ndarray[Any, Any]], list[str]]:
@@ -91,9 +117,9 @@ def _load(file: BinaryIO) -> tuple[dict[str, np.ndarray[Any, Any]], list[str]]:
     key = "archive"
     try:
         with cast(NpzFile, np.load(file, allow_pickle=False)) as archive:
-            unused = [key for key in archive.files if key not in KEYS]
+            unused = _left_alone(archive.files)
             for key in KEYS:
-                if key in archive:
+                if key in archive and key not in unused:
                     arrays[key] = np.asarray(archive[key])
     # A damaged archive fails in zipfile, zlib, struct or NumPy's header parser, each with an
     # exception of its own, none of which says where: no narrower list is complete.
@@ -104,18 +130,22 @@ def _load(file: BinaryIO) -> tuple[dict[str, np.ndarray[Any, Any]], list[str]]:
 
 def _count(arrays: dict[str, np.ndarray[Any, Any]]) -> int:
     """Return the number of grasps, which every stack must have."""
-    for key, entry in _STACKS.items():
+    vectors = dict.fromkeys(_GEOMETRY, "n, 3") | {"origin": "3"}
+    for key, entry in (_STACKS | vectors).items():
         if key in arrays and arrays[key].ndim != 1 + len(entry.split(",")):
             raise InvalidInputError(
                 f"{key}: got shape {arrays[key].shape}, expected a stack (B, {entry})"
             )
-    count = len(arrays["W"])
+    leading = "W" if "W" in arrays else "points"
+    count = len(arrays[leading])
     if count == 0:
-        raise InvalidInputError(f"W: got shape {arrays['W'].shape}, expected at least one grasp")
+        shape = arrays[leading].shape
+        raise InvalidInputError(f"{leading}: got shape {shape}, expected at least one grasp")
     for key, array in arrays.items():
         if array.ndim > 0 and len(array) != count:
             raise InvalidInputError(
-                f"{key}: got {len(array)} entries, expected {count}, one for each grasp in W"
+                f"{key}: got {len(array)} entries, expected {count}, one for each grasp in "
+                f"{leading}"
             )
     return count
 
@@ -131,6 +161,32 @@ def _names(arrays: dict[str, np.ndarray[Any, Any]], stem: str, count: int) -> li
             f"numbers of shape ({count},)"
         )
     return [str(name) for name in names]
+
+
+def _grasp_maps(geometry: dict[str, np.ndarray[Any, Any]], names: list[str]) -> Array:
+    """Return W of each grasp's points and normals, shape (B, 6, 3 n)."""
+    points = as_array(geometry["points"], "points", (len(names), "n", 3))
+    normals = as_array(geometry["normals"], "normals", points.shape)
+    tangents = any_tangent(normals)
+    if "tangents" in geometry:
+        tangents = as_array(geometry["tangents"], "tangents", points.shape)
+
+    def contact(index: int, place: int) -> Contact:
+        return Contact(
+            points[index, place], normals[index, place], PCWF(1.0), tangents[index, place]
+        )
+
+    with np.errstate(invalid="ignore"):  # a tangent of zeros
+        across = np.linalg.norm(np.cross(normals, tangents), axis=-1)
+        across /= np.linalg.norm(tangents, axis=-1)
+    unit = np.abs(np.linalg.norm(normals, axis=-1) - 1) <= UNIT_TOLERANCE
+    for index, place in np.argwhere(~(unit & (across > LEAST_ACROSS))).tolist():
+        with error_context(f"grasp {index} {names[index]!r}: contacts[{place}]"):
+            contact(index, place)  # which raises
+    # A slip of units or signs is one of the whole file.
+    warn_of_slips([contact(0, place) for place in range(points.shape[1])])
+    origin = as_array(geometry["origin"], "origin", (len(names), 3))
+    return stacked_maps(origin[:, None], points, normals, tangents)
 
 
 def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> list[ForceProblem]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from graspforce.hands.hand import Hand, UnderactuatedHand
+from graspforce.hands.hand import Hand, LoadedHand, UnderactuatedHand
 from graspforce.hands.imported import ImportedHand
 from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.hand import from_mjcf
@@ -13,6 +13,7 @@ from graspforce.hands.pinocchio.hand import from_urdf
 __all__ = [
     "Hand",
     "ImportedHand",
+    "LoadedHand",
     "MujocoGrasp",
     "PaperHand",
     "PinocchioGrasp",

@@ -48,6 +48,10 @@ class Configuration(Protocol):
         """Return a link's origin, shape (3,) [m], in the hand's frame."""
         ...
 
+    def bias(self) -> Array:
+        """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""
+        ...
+
 
 D = TypeVar("D", bound=HasLimit)
 

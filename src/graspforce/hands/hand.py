@@ -64,6 +64,19 @@ class UnderactuatedHand(Hand, Protocol):
         ...
 
 
+@runtime_checkable
+class LoadedHand(UnderactuatedHand, Protocol):
+    """A hand that knows what gravity and springs ask of its joints."""
+
+    def tau_bias(self, q: ArrayLike) -> Array:
+        """Return what the joints must give besides at rest, shape (n_joints,) [N·m]."""
+        ...
+
+    def passive_loads(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
+        """Return what ``passive_rows @ c`` has to be, shape (k,)."""
+        ...
+
+
 class Actuation(NamedTuple):
     """What the joints of a hand at one configuration bring into the force problem."""
 
@@ -110,7 +123,9 @@ class ImportedGrasp(Protocol):
 
 
 def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuation:
-    """Return what a hand brings into the force problem; the weight of its links is left out.
+    """Return what a hand brings into the force problem.
+
+    Gravity and springs count for a :class:`LoadedHand` alone.
 
     Raises:
         InvalidInputError: no hand; q has not as many angles as the hand asks for; the hand's
@@ -130,6 +145,8 @@ def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuatio
         for name in ("tau_lo", "tau_hi")
     )
     passive = hand.passive_rows(contacts, q) if underactuated else np.zeros((0, m))
-    return Actuation(
-        joints, J, tau_lo, tau_hi, np.zeros(len(joints)), passive, np.zeros(len(passive))
-    )
+    if isinstance(hand, LoadedHand):
+        bias, loads = hand.tau_bias(q), hand.passive_loads(contacts, q)
+    else:
+        bias, loads = np.zeros(len(joints)), np.zeros(len(passive))
+    return Actuation(joints, J, tau_lo, tau_hi, bias, passive, loads)

@@ -104,7 +104,9 @@ class ImportedHand:
         return self._full(contacts, configuration) @ configuration.transmission.driven
 
     def passive_rows(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
-        """Return the equations ``rows @ c = 0`` of the motions that no drive takes part in.
+        """Return ``rows`` of the equations of the motions that no drive takes part in.
+
+        ``rows @ c`` has to be :meth:`passive_loads`.
 
         Returns:
             shape (k, m): the virtual work of c over each such motion that c can load.
@@ -112,6 +114,35 @@ class ImportedHand:
         configuration = self._configuration(q)
         full = self._full(contacts, configuration)
         return (full @ loaded_motions(full, configuration.transmission.free)).T
+
+    def passive_loads(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
+        """Return what ``passive_rows @ c`` has to be, shape (k,): the work of weight and springs.
+
+        Args:
+            contacts: as for :meth:`jacobian`.
+            q: likewise.
+
+        Raises:
+            InvalidInputError: another number of contacts or angles.
+        """
+        configuration = self._configuration(q)
+        full = self._full(contacts, configuration)
+        return -loaded_motions(full, configuration.transmission.free).T @ configuration.bias()
+
+    def tau_bias(self, q: ArrayLike) -> Array:
+        """Return what the drives must give against weight and springs, shape (n_joints,) [N·m].
+
+        Gravity is the file's option (MJCF), or 9.81 m/s² against the root link's z (URDF, which
+        has no springs).
+
+        Args:
+            q: angles of the joints ``q_names``, shape (len(q_names),) [rad, m].
+
+        Raises:
+            InvalidInputError: another number of angles.
+        """
+        configuration = self._configuration(q)
+        return configuration.transmission.driven.T @ configuration.bias()
 
     def _full(self, contacts: Sequence[Contact], configuration: Configuration) -> Array:
         contacts = as_contacts(contacts)

@@ -68,8 +68,18 @@ def has_motor(drive: DriveLimit, given: Mapping[str, float]) -> bool:
     return drive.name in given or drive.lo < drive.hi
 
 
+def _user_range(drive: DriveLimit, size: float) -> tuple[float, float]:
+    """Return the range of a drive that the user limits to ``size``."""
+    is_motor = drive.lo < drive.hi
+    lo = 0.0 if is_motor and drive.lo >= 0 else -size
+    hi = 0.0 if is_motor and drive.hi <= 0 else size
+    return lo, hi
+
+
 def limits(drives: Sequence[DriveLimit], given: Mapping[str, float]) -> Limits:
     """Return the torque limits that hold: the user's, else the file's.
+
+    The user's hold both ways, or one way where the file's motor acts one way only.
 
     Raises:
         ModelImportError: neither the file nor the user gives a limit.
@@ -92,9 +102,13 @@ def limits(drives: Sequence[DriveLimit], given: Mapping[str, float]) -> Limits:
         )
         if large and each.name not in given:
             implausible.setdefault(f"{size:g} {each.unit}", []).append(each.name)
+    ranges = [
+        _user_range(each, given[each.name]) if each.name in given else (each.lo, each.hi)
+        for each in drives
+    ]
     return Limits(
-        np.array([-given[each.name] if each.name in given else each.lo for each in drives]),
-        np.array([given.get(each.name, each.hi) for each in drives]),
+        np.array([lo for lo, _ in ranges]),
+        np.array([hi for _, hi in ranges]),
         tuple(
             f"the file's limit of {size} for {', '.join(names)} may be a placeholder; give "
             f"tau_max if it is not the motor's"

@@ -21,17 +21,20 @@ from graspforce.grasp_map import map_about
 from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips, as_link
-from graspforce.hands.limits import has_motor
+from graspforce.hands.limits import as_tau_max, has_motor
 from graspforce.hands.mujoco.contacts import ContactReader, Indices, cross_matrices
 from graspforce.hands.mujoco.model import (
     Drive,
+    bias_forces,
     body_of,
     coupling_rows,
     dof_names,
     dofs_above,
     drive_rows,
     drives,
+    joints_as_drives,
     links_of,
+    mocap_bodies,
     mujoco_module,
     name_of,
     taking_part,
@@ -77,8 +80,11 @@ class MujocoGrasp:
         joints: joints and tendons with motors, in the order of tau; the other motors are taken to
             hold their joints still. By default, those that move what touches, which change as
             contacts come and go.
-        tau_max: torque limits in place of the model's, both ways: one number for all, or by name
-            [N·m; N for slides and tendons].
+        tau_max: torque limits in place of the model's, both ways unless the model's motor acts one
+            way only: one number for all, or by name [N·m; N for slides and tendons]. A joint
+            without a motor that it names gets one; where the model has no motors, one number
+            makes motors of all hinges and slides that follow no other joint and are not the
+            object's.
 
     Attributes:
         origin: the object's centre of mass, about which torques are taken, shape (3,) [m].
@@ -133,13 +139,14 @@ class MujocoGrasp:
             raise InvalidInputError(
                 f"object_body: {object_body!r} is fixed to the world, expected a body that can move"
             )
-        self._drives, self._motor_notes = drives(model)
-        self._chosen = None if joints is None else _indices(joints, self._drives)
-        self._tau_max = tau_max
-        above = dofs_above(model)
         inside = np.zeros(model.nbody, dtype=bool)
         for body in range(self._top, model.nbody):  # a body comes after its parent
             inside[body] = body == self._top or inside[model.body_parentid[body]]
+        self._drives, self._motor_notes = drives(model)
+        self._drives += joints_as_drives(model, self._drives, tau_max, inside)
+        self._chosen = None if joints is None else _indices(joints, self._drives)
+        self._given = as_tau_max(tau_max, [each.limit.name for each in self._drives])
+        above = dofs_above(model)
         # How a body at a contact moves relative to the object, per joint rate: as it does, or if
         # it belongs to the object, as the object does relative to it.
         self._acting = above.astype(float)
@@ -164,7 +171,8 @@ class MujocoGrasp:
         model = self._model
         _require_data(data, model)
         moments, couplings = drive_rows(model, data, self._drives), coupling_rows(model, data)
-        if self._drives and not moments.any():
+        computed = data.xquat[self._top].any() and (moments.any() or not self._drives)
+        if not computed:
             raise InvalidInputError(
                 "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
             )
@@ -176,7 +184,8 @@ class MujocoGrasp:
         screws = self._read_screws(data, hand.dofs, origin)
         full = wrenches @ screws.T
         full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
-        actuation = hand.motors.actuation(hand.transmission, full, self._bias(data)[hand.dofs])
+        bias = bias_forces(model, data)[hand.dofs]
+        actuation = hand.motors.actuation(hand.transmission, full, bias)
         self._contacts, self._hand, self._screws = contacts, hand, screws
         self.origin, self.actuation = origin, actuation
         self.W = np.ascontiguousarray(wrenches.T)
@@ -292,6 +301,10 @@ class MujocoGrasp:
         """
         return self._contacts.forces(self._model, data)
 
+    def joints_without_motor(self) -> tuple[str, ...]:
+        """Return the joints that move what touches where no motor moves any of them."""
+        return () if self.joint_names else dof_names(self._model, self._found.dofs)
+
     def fingers_without_contact(self) -> list[str]:
         """Return the last bodies of chains that motors move, as far as they lack contact."""
         model, hand = self._model, self._found
@@ -301,6 +314,11 @@ class MujocoGrasp:
         fingers[model.body_parentid] = False
         body = mujoco_module().mjtObj.mjOBJ_BODY
         return [name_of(model, body, each) for each in np.flatnonzero(fingers).tolist()]
+
+    def touched_by_mocap(self) -> bool:
+        """Return whether a mocap body, whose motion is prescribed, makes a contact."""
+        prescribed: NDArray[np.bool_] = mocap_bodies(self._model)[self._contacts.bodies[:, 0]]
+        return bool(prescribed.any())
 
     def require_contact(self, fingertips: Sequence[str]) -> None:
         """Raise unless each of the fingertips, bodies or sites, touches the object.
@@ -359,13 +377,16 @@ class MujocoGrasp:
             holding = [
                 i
                 for i, drive in enumerate(self._drives)
-                if i not in chosen and has_motor(drive.limit, {})
+                if i not in chosen and has_motor(drive.limit, self._given)
             ]
             coupled = np.vstack((couplings, moments[holding]))
         dofs = connected_dofs(moving, np.vstack((moments, couplings)))
         if chosen is None:
             chosen = taking_part(moments, dofs)
-        motors = choose_motors([self._drives[i] for i in chosen], self._tau_max)
+        acting = [self._drives[i] for i in chosen]
+        names = {each.limit.name for each in acting}
+        given = {name: size for name, size in self._given.items() if name in names}
+        motors = choose_motors(acting, given)
         rows = moments[[self._drives.index(each) for each in motors.drives]]
         moved = transmission(rows[:, dofs], coupled[:, dofs])
         return _Hand(key, moments, couplings, dofs, motors, moved)
@@ -377,14 +398,6 @@ class MujocoGrasp:
         arm = origin - data.subtree_com[self._root_of_dof[dofs]]
         linear = about_root[:, 3:] + (cross_matrices(arm) @ -angular[..., None])[..., 0]
         return np.concatenate((linear, angular), axis=1)
-
-    def _bias(self, data: Any) -> Array:
-        """Return the generalised forces at which nothing accelerates without contacts, shape (nv,).
-
-        Of gravity compensation the passive forces have only what no motor gives.
-        """
-        by_motor = data.qfrc_gravcomp * self._model.jnt_actgravcomp[self._model.dof_jntid]
-        return np.array(data.qfrc_bias - data.qfrc_passive - by_motor)
 
 
 def held_grasp(
@@ -402,11 +415,15 @@ def held_grasp(
     grasp = MujocoGrasp(model, data, object_body, tau_max=tau_max)
     if fingertips is not None:
         grasp.require_contact(fingertips)
-    if not grasp.joint_names:
+    if not grasp.joint_names and not grasp.touched_by_mocap():
+        touching = ", ".join(dict.fromkeys(grasp.links)) or "nothing"
+        without = grasp.joints_without_motor()
+        way_out = f"; tau_max gives motors to joints: {', '.join(without)}" if without else ""
         absent = ", ".join(grasp.fingers_without_contact()) or "none, as no motor moves any body"
         raise InvalidInputError(
-            f"data: no finger is in contact with {grasp.object_name!r} (read after mj_step or "
-            f"mj_forward); fingers without contact: {absent}"
+            f"data: got {touching} in contact with {grasp.object_name!r} (read after mj_step or "
+            f"mj_forward), expected something that a motor moves{way_out}; fingers without "
+            f"contact: {absent}"
         )
     return grasp
 

@@ -26,6 +26,7 @@ from graspforce.hands.mujoco.model import (
     dofs_above,
     drive_rows,
     drives,
+    joints_as_drives,
     links_of,
     loose_bodies,
     mujoco_module,
@@ -47,10 +48,12 @@ def from_mjcf(
     the contact forces have to satisfy (``ImportedHand.passive_rows``).
 
     Args:
-        source: an MJCF file, or an ``mujoco.MjModel``.
+        source: an MJCF file, whose meshes need not be there, or an ``mujoco.MjModel``.
         fingertips: bodies or sites, one a finger; a mapping names the fingers.
-        tau_max: torque limits in place of the file's, both ways: one number for all drives, or
-            by name [N·m; N for slides and tendons].
+        tau_max: torque limits in place of the file's, both ways unless the file's motor acts one
+            way only: one number for all drives, or by name [N·m; N for slides and tendons]. A
+            joint without a motor that it names gets one; where the file has no motors, one
+            number makes motors of all hinges and slides that follow no other joint.
 
     Returns:
         The hand, contacts in the frame of the model's world. What should not be believed
@@ -63,10 +66,11 @@ def from_mjcf(
             without a torque limit; a ball joint in a finger.
         InvalidInputError: a fingertip or a name in tau_max that is not there.
     """
-    model = _load(source)
+    model, missing = _load(source)
     tips = as_fingertips(fingertips, links_of(model))
     bodies = tuple(dict.fromkeys(body_of(model, link) for link in tips.values()))
     candidates, motor_notes = drives(model)
+    candidates += joints_as_drives(model, candidates, tau_max)
     data = _evaluated(model, model.qpos0)
     above = dofs_above(model)
     moments = drive_rows(model, data, candidates)
@@ -81,7 +85,7 @@ def from_mjcf(
         _links(model, dofs, above, loose_bodies(model, moments)),
     )  # fmt: skip
     told = (motors, configuration.transmission, configuration.dof_names)
-    warnings = warnings_of(*told)
+    warnings = (*missing, *warnings_of(*told))
     warn(*warnings)
     return ImportedHand(
         motors.joint_names, robot.q_names, motors.tau_lo, motors.tau_hi, fingers, tips,
@@ -135,10 +139,11 @@ class MujocoRobot:
         return MujocoConfiguration(self.model, _evaluated(self.model, qpos), self.dofs, self.drives)
 
 
-def _load(source: Any) -> Any:
+def _load(source: Any) -> tuple[Any, list[str]]:
+    """Return the model, and what should not be believed silently of its masses."""
     mj = mujoco_module()
     if isinstance(source, mj.MjModel):
-        return source
+        return source, []
     if not isinstance(source, str | Path):
         raise InvalidInputError(f"source: got {came(source)}, expected a path or an mujoco.MjModel")
     path = Path(source)
@@ -146,22 +151,60 @@ def _load(source: Any) -> Any:
         raise ModelImportError(f"{path}: there is no such file")
     if path.suffix.lower() == ".urdf":  # MuJoCo reads them, but finds no motors
         raise ModelImportError(f"{path}: a URDF names no motors; hands.from_urdf reads it")
+    warnings: list[str] = []
     try:
-        model = mj.MjModel.from_xml_path(str(path))
+        try:
+            model = mj.MjModel.from_xml_path(str(path))
+        except ValueError:
+            spec = mj.MjSpec.from_file(str(path))
+            warnings = _stand_in_for_meshes(spec, path.parent)
+            model = spec.compile()
     except ValueError as error:
         raise ModelImportError(f"{path}: not a model that MuJoCo reads: {error}") from error
     if model.nbody == 1:  # MuJoCo takes any other XML for a model with nothing in it
         raise ModelImportError(f"{path}: not a model that MuJoCo reads: it has no bodies")
-    return model
+    return model, warnings
+
+
+def _stand_in_for_meshes(spec: Any, folder: Path) -> list[str]:
+    """Put a small tetrahedron in place of every mesh whose file is missing; say so.
+
+    Kinematics need no meshes, but MuJoCo does.
+    """
+    missing = [
+        mesh
+        for mesh in spec.meshes
+        if mesh.file
+        and not any((folder / place / mesh.file).is_file() for place in (spec.meshdir, "."))
+    ]
+    for mesh in missing:
+        mesh.uservert = [0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01]
+        mesh.scale = [1, 1, 1]
+    names = {mesh.name for mesh in missing}
+    guessed = [
+        body.name or "a body without a name"
+        for body in spec.bodies
+        if not body.explicitinertial and any(geom.meshname in names for geom in body.geoms)
+    ]
+    files = ", ".join(mesh.file for mesh in missing)
+    for mesh in missing:
+        mesh.file = ""
+    if not guessed:
+        return []
+    return [
+        f"mesh files are missing ({files}), and with them the weight of {', '.join(guessed)}: "
+        "tau_bias lacks it"
+    ]
 
 
 def _evaluated(model: Any, qpos: Array) -> Any:
-    """Return new data with positions, moment arms and couplings at qpos; no collisions."""
+    """Return new data at rest at qpos: positions, moment arms, couplings, forces; no collisions."""
     mj = mujoco_module()
     data = mj.MjData(model)
     data.qpos[:] = qpos
     for stage in (
-        mj.mj_kinematics, mj.mj_comPos, mj.mj_tendon, mj.mj_transmission, mj.mj_makeConstraint
+        mj.mj_kinematics, mj.mj_comPos, mj.mj_flex, mj.mj_tendon, mj.mj_transmission,
+        mj.mj_makeConstraint, mj.mj_fwdVelocity,
     ):  # fmt: skip
         stage(model, data)
     return data

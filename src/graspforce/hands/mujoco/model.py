@@ -7,7 +7,7 @@ robot is taken as held: its six free degrees of freedom are in nobody's Jacobian
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
 from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
-from graspforce.hands.limits import DriveLimit
+from graspforce.hands.limits import DriveLimit, as_tau_max
 from graspforce.hands.transmission import Transmission, transmission
 
 
@@ -47,7 +47,9 @@ class Drive(NamedTuple):
 
     limit: DriveLimit
     output: int
-    """The output of one of its motors, whose moment arms over ``gear`` are the drive's."""
+    """The output of one of its motors, whose moment arms over ``gear`` are the drive's; of a joint
+    without a motor in the file, nout and its degree of freedom.
+    """
     gear: float
 
 
@@ -69,6 +71,12 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
             name = name_of(model, mj.mjtObj.mjOBJ_ACTUATOR, motor)
             notes.append(f"motor {name!r} is left out: it drives neither a joint nor a tendon")
             continue
+        if _is_muscle(model, motor):
+            name = name_of(model, mj.mjtObj.mjOBJ_ACTUATOR, motor)
+            notes.append(
+                f"muscle {name!r} only pulls; its limit is its peak force, which it has at its "
+                "optimal length and full activation alone"
+            )
         low, high = sorted(gear * side for side in _motor_range(mj, model, motor))
         if (at_tendon, target) in found:  # motors side by side add up
             other = found[at_tendon, target]
@@ -93,16 +101,78 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
     return list(found.values()), notes
 
 
+def joints_as_drives(
+    model: Any,
+    found: Sequence[Drive],
+    tau_max: float | Mapping[str, float] | None,
+    of_object: NDArray[np.bool_] | None = None,
+) -> list[Drive]:
+    """Return drives for the joints to which ``tau_max`` gives motors that the file does not have.
+
+    By name it gives them to any hinges and slides. One number is for the file's motors; in a file
+    without any, for all hinges and slides that follow no other joint.
+
+    Args:
+        model: the model.
+        found: the file's drives.
+        tau_max: the user's limits.
+        of_object: which bodies make up the object, whose joints get motors by name only, shape
+            (nbody,).
+
+    Raises:
+        InvalidInputError: ``tau_max`` is wrong or names what is neither a drive nor such a joint.
+    """
+    mj = mujoco_module()
+    if tau_max is None or (found and not isinstance(tau_max, Mapping)):
+        return []
+    hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
+    names = {
+        joint: name_of(model, mj.mjtObj.mjOBJ_JOINT, joint)
+        for joint in range(model.njnt)
+        if int(model.jnt_type[joint]) in (hinge, slide)
+    }
+    driven = [each.limit.name for each in found]
+    given = as_tau_max(tau_max, list(dict.fromkeys((*driven, *names.values()))))
+    if not isinstance(tau_max, Mapping):
+        equal = (model.eq_type == int(mj.mjtEq.mjEQ_JOINT)) & (model.eq_active0 != 0)
+        left = set(model.eq_obj1id[equal].tolist())
+        if of_object is not None:
+            left |= set(np.flatnonzero(of_object[model.jnt_bodyid]).tolist())
+        names = {joint: name for joint, name in names.items() if joint not in left}
+    added: list[Drive] = []
+    for joint, name in names.items():
+        if name in given and name not in driven:
+            turns = int(model.jnt_type[joint]) == hinge
+            limit = DriveLimit(name, "N·m" if turns else "N", 0.0, 0.0, float(turns))
+            added.append(Drive(limit, model.nout + int(model.jnt_dofadr[joint]), 1.0))
+    return added
+
+
 def is_plain_motor(model: Any, motor: int) -> bool:
     """Return whether an actuator's force is its gain times its control, as of a <motor>."""
+    none = int(mujoco_module().mjtBias.mjBIAS_NONE)
+    return _constant_bias(model, motor) is not None and int(model.actuator_biastype[motor]) == none
+
+
+def _constant_bias(model: Any, motor: int) -> float | None:
+    """Return the force that an actuator adds to its gain times its control.
+
+    None where its force is not of that kind, as of a servo, whose depends on where the joint is.
+    """
     mj = mujoco_module()
     filters = (mj.mjtDyn.mjDYN_NONE, mj.mjtDyn.mjDYN_FILTER, mj.mjtDyn.mjDYN_FILTEREXACT)
-    return bool(
+    by_control = (
         model.actuator_ctrlnum[motor] == 1
         and model.actuator_gaintype[motor] == int(mj.mjtGain.mjGAIN_FIXED)
-        and model.actuator_biastype[motor] == int(mj.mjtBias.mjBIAS_NONE)
         and model.actuator_dyntype[motor] in [int(each) for each in filters]
     )
+    constant, by_length, by_velocity = model.actuator_biasprm[motor, :3].tolist()
+    kind = int(model.actuator_biastype[motor])
+    if by_control and kind == int(mj.mjtBias.mjBIAS_NONE):
+        return 0.0
+    if by_control and kind == int(mj.mjtBias.mjBIAS_AFFINE) and not (by_length or by_velocity):
+        return constant
+    return None
 
 
 def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
@@ -111,10 +181,23 @@ def _motor_range(mj: Any, model: Any, motor: int) -> tuple[float, float]:
     if model.actuator_forcelimited[motor]:
         low, high = model.actuator_forcerange[motor]
     input_ = int(model.actuator_ctrladr[motor])
-    if is_plain_motor(model, motor) and model.actuator_ctrllimited[input_]:
-        ends = sorted(model.actuator_gainprm[motor, 0] * model.actuator_ctrlrange[input_])
+    if _is_muscle(model, motor):  # it pulls, and gear says which way that is at the joint
+        low, high = max(low, -_peak_force(model, motor)), min(high, 0.0)
+    bias = _constant_bias(model, motor)
+    if bias is not None and model.actuator_ctrllimited[input_]:
+        ends = sorted(model.actuator_gainprm[motor, 0] * model.actuator_ctrlrange[input_] + bias)
         low, high = max(low, ends[0]), min(high, ends[1])
     return float(low), float(high)
+
+
+def _is_muscle(model: Any, motor: int) -> bool:
+    return bool(model.actuator_gaintype[motor] == int(mujoco_module().mjtGain.mjGAIN_MUSCLE))
+
+
+def _peak_force(model: Any, muscle: int) -> float:
+    """Return the largest active force of a muscle [N], as MuJoCo takes it from its parameters."""
+    force, scale = model.actuator_gainprm[muscle, 2:4].tolist()
+    return force if force >= 0 else scale / float(model.actuator_acc0[muscle])
 
 
 def _moment_arm(mj: Any, model: Any, tendon: int) -> float:
@@ -137,8 +220,9 @@ def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
             moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
             data.moment_colind,
         )  # fmt: skip
+    rows = np.vstack((moments, np.eye(model.nv)))
     gears = np.array([drive.gear for drive in each])
-    return moments[[drive.output for drive in each]] / gears.reshape(-1, 1)
+    return rows[[drive.output for drive in each]] / gears.reshape(-1, 1)
 
 
 def coupling_rows(model: Any, data: Any) -> Array:
@@ -160,6 +244,15 @@ def coupling_rows(model: Any, data: Any) -> Array:
     return rows[~rows[:, _free_joint_dofs(model)].any(axis=1)]
 
 
+def bias_forces(model: Any, data: Any) -> Array:
+    """Return the generalised forces at which nothing accelerates without contacts, shape (nv,).
+
+    Of gravity compensation the passive forces have only what no motor gives.
+    """
+    by_motor = data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
+    return np.array(data.qfrc_bias - data.qfrc_passive - by_motor)
+
+
 def _free_joint_dofs(model: Any) -> NDArray[np.bool_]:
     free = model.jnt_type == int(mujoco_module().mjtJoint.mjJNT_FREE)
     dofs: NDArray[np.bool_] = free[model.dof_jntid]
@@ -176,6 +269,19 @@ def dofs_above(model: Any) -> NDArray[np.bool_]:
     return above & ~_free_joint_dofs(model)
 
 
+def mocap_bodies(model: Any) -> NDArray[np.bool_]:
+    """Return which bodies are moved by a mocap body: fixed to one, or welded by an equality."""
+    weld = int(mujoco_module().mjtEq.mjEQ_WELD)
+    body = int(mujoco_module().mjtObj.mjOBJ_BODY)
+    moved: NDArray[np.bool_] = model.body_mocapid >= 0
+    for each in np.flatnonzero((model.eq_type == weld) & (model.eq_objtype == body)).tolist():
+        pair = model.eq_obj1id[each], model.eq_obj2id[each]
+        if model.eq_active0[each] and moved[list(pair)].any():
+            moved[list(pair)] = True
+    of_body: NDArray[np.bool_] = moved[model.body_weldid] | moved[model.body_rootid]
+    return of_body
+
+
 def loose_bodies(model: Any, moments: Array) -> NDArray[np.bool_]:
     """Return which bodies float freely and belong to no robot, like an object on a table.
 
@@ -188,7 +294,7 @@ def loose_bodies(model: Any, moments: Array) -> NDArray[np.bool_]:
     loose = np.zeros(model.nbody, dtype=bool)
     loose[root[_free_joint_dofs(model)]] = True
     loose[root[moments.any(axis=0)]] = False
-    of_body: NDArray[np.bool_] = loose[model.body_rootid]
+    of_body: NDArray[np.bool_] = loose[model.body_rootid] & ~mocap_bodies(model)
     return of_body
 
 
@@ -230,6 +336,10 @@ class MujocoConfiguration:
         kind, index = find_link(self._model, link)
         origins = self._data.xpos if kind == "body" else self._data.site_xpos
         return np.array(origins[index])
+
+    def bias(self) -> Array:
+        """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""
+        return bias_forces(self._model, self._data)[self._dofs]
 
 
 def dof_names(model: Any, dofs: NDArray[np.intp]) -> tuple[str, ...]:

@@ -32,7 +32,8 @@ class PinocchioGrasp:
     :class:`graspforce.Grasp` that is read with the same arguments.
 
     Args:
-        model: a ``pinocchio.Model``; a floating base is taken as held.
+        model: a ``pinocchio.Model``; a floating base is taken as held. Mimic joints are in it only
+            if it was built with ``mimic=True``; otherwise each has a motor of its own.
         q: its configuration, shape (nq,).
         contacts: n contacts, in the model's world.
         links: the frame that makes each of them, by name; "universe" for what does not move.

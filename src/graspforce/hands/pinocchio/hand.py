@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array, require_instance
+from graspforce._util.native_stderr import native_stderr
 from graspforce.errors import ModelImportError, warn
 from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
 from graspforce.hands.imported import (
@@ -62,10 +63,7 @@ def from_urdf(
     path = Path(path)
     pin = pinocchio_module()
     mimics = _mimics(path)
-    try:
-        model = pin.buildModelFromUrdf(str(path))
-    except (ValueError, RuntimeError) as error:
-        raise ModelImportError(f"{path}: not a robot that Pinocchio reads: {error}") from error
+    model = _built(path)
     tips = as_fingertips(fingertips, tuple(frames_of(model)))
     links = tuple(dict.fromkeys(tips.values()))
     couplings = _couplings(path, model, mimics, links)
@@ -135,6 +133,24 @@ class PinocchioRobot:
         turned = np.array([angles.get(names[dof], 0.0) for dof in range(self.model.nv)])
         q = pin.integrate(self.model, pin.neutral(self.model), turned)
         return PinocchioConfiguration(self.model, q, self.dofs, self.drives, self.couplings)
+
+
+def _built(path: Path) -> Any:
+    """Return Pinocchio's model of a file.
+
+    Its parser prints the reason of a refusal on the process's stderr and leaves it out of the
+    exception, so it is read from there.
+    """
+    pin = pinocchio_module()
+    with native_stderr() as said:
+        try:
+            return pin.buildModelFromUrdf(str(path))
+        except (ValueError, RuntimeError) as error:
+            reasons = [line.strip().removeprefix("Error:").strip() for line in said().splitlines()]
+            reason = "; ".join(each for each in reasons if each and not each.startswith("at line "))
+            raise ModelImportError(
+                f"{path}: not a robot that Pinocchio reads: {reason or error}"
+            ) from error
 
 
 def _mimics(path: Path) -> tuple[_Mimic, ...]:

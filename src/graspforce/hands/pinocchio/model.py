@@ -108,6 +108,7 @@ class PinocchioConfiguration:
     def update(self, q: Array) -> None:
         """Compute where the frames are at the configuration q, shape (nq,)."""
         pin = pinocchio_module()
+        self._q = q
         pin.computeJointJacobians(self._model, self._data, q)
         pin.updateFramePlacements(self._model, self._data)
 
@@ -132,6 +133,12 @@ class PinocchioConfiguration:
     def position(self, link: str) -> Array:
         """Return the origin of a frame, shape (3,) [m]."""
         return np.array(self._data.oMf[self._frames[link]].translation)
+
+    def bias(self) -> Array:
+        """Return what all joints must give at rest against gravity, shape (n_dofs,)."""
+        pin = pinocchio_module()
+        weight = pin.computeGeneralizedGravity(self._model, self._data, self._q)
+        return np.array(weight)[self._dofs]
 
 
 def dof_names(model: Any) -> Mapping[int, str]:
