@@ -36,7 +36,7 @@ inline nb::object solve(nb::handle solution, nb::handle problem, nb::handle layo
   thread_local Workspace workspace;
   Engine& engine = workspace.engine([&](const Layout& kept) { return describes(layout, kept); },
                                     [&] { return make_layout(layout); });
-  const double* numbers = doubles(packed, packed_size(engine.layout()));
+  const double* numbers = doubles(packed, engine.packed_size());
   const double* forces = nullptr;
   if (!start.is_none()) {
     const std::size_t m = engine.layout().components();

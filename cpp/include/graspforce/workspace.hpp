@@ -18,9 +18,9 @@ namespace graspforce {
 
 // About how many bytes the engine of a layout takes.
 inline std::size_t engine_bytes(const Layout& layout) {
-  const std::size_t m = layout.components(), lines = m + most_rows(layout);
-  const std::size_t entries = m * (layout.joints + layout.inequalities);
-  return 24 * lines * largest_block(layout) + 1500 * lines + 7 * entries;
+  const std::size_t m = layout.components(), lines = unknowns(layout) + most_rows(layout);
+  const std::size_t shared = layout.joints + layout.inequalities;
+  return 24 * lines * largest_block(layout) + 1500 * lines + (7 * m + 600) * shared + 1000;
 }
 
 class Workspace {

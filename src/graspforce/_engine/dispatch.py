@@ -134,11 +134,14 @@ def solve(
     if settings.backend == "reference":
         guess = None if start is None else as_array(start, "start", (problem.m,))
         return solution(reference.solve(problem, settings, guess), problem)
-    given = (solution, problem, problem.layout, problem.packed)
-    found = _solve(*given, start, *_limits(settings))
+    budget_us = math.inf if settings.budget_us is None else settings.budget_us
+    found = _solve(
+        solution, problem, problem.layout, problem.packed, start, settings.tol, settings.max_steps,
+        budget_us,
+    )  # fmt: skip
     if found is None:  # a start that is no plain array
-        checked = as_array(start, "start", (problem.m,)) if start is not None else None
-        found = _solve(*given, checked, *_limits(settings))
+        assert start is not None
+        return solve(problem, settings, as_array(start, "start", (problem.m,)), solution)
     return found
 
 
