@@ -31,7 +31,7 @@ class Engine {
   Engine& operator=(const Engine&) = delete;
 
   const Layout& layout() const { return layout_; }
-  std::size_t packed_size() const { return offsets_.size; }  // numbers of a problem
+  std::size_t packed_size() const { return offsets_.size; }    // numbers of a problem
   Kernels::Kind kernels() const { return kernels_.chosen(); }  // of the last solve or tick
   const Structure& structure() const { return kernels_.structure(); }
 
