@@ -49,6 +49,7 @@ from graspforce.equations import (
     grad_phi_lin,
     hess_phi_lin,
     least_squares,
+    may_overflow,
     newton_step,
     particular_and_nullspace,
     phi_lin,
@@ -333,13 +334,15 @@ def solve(problem: ForceProblem, settings: Settings, start: Array | None = None)
         settings: tolerance and step limit.
         start: contact forces to start from, shape (m,); they are projected onto W c = f.
     """
+    # What no linear algebra can solve overflows, or has been rounded to a singular system.
+    failed = Status.INVALID_NUMBERS if may_overflow(problem.packed) else Status.STALLED
     with np.errstate(all="ignore"):
         try:
             outcome = _solve(problem, settings, start)
         except np.linalg.LinAlgError:
-            return _empty_outcome(problem, Status.INVALID_NUMBERS)
+            return _empty_outcome(problem, failed)
     if not (np.isfinite(outcome.c).all() and np.isfinite(outcome.nu).all()):
-        return _empty_outcome(problem, Status.INVALID_NUMBERS)
+        return _empty_outcome(problem, failed)
     return outcome
 
 
