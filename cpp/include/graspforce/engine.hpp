@@ -142,19 +142,23 @@ class Engine {
   // promises a shorter step (the wanted wrench may be noisy); returns the step's decrement.
   template <class AnyBarrier>
   double predict(AnyBarrier& barrier, const Problem& problem) {
-    auto step_from = [&](Start start) {
-      answer_.result.start = start;
-      history_.extrapolate(barrier, problem, start == Start::Extrapolated ? 2 : 1);
-      return first_step(barrier, problem);
-    };
     double ahead = kInfinity;
     if (history_.size() == 2) {
-      ahead = step_from(Start::Extrapolated);
+      ahead = step_from(Start::Extrapolated, barrier, problem);
       if (ahead < kPromising) return ahead;
     }
     if (history_.size() == 0) return kInfinity;
-    const double hold = step_from(Start::Held);
-    return hold <= ahead ? hold : step_from(Start::Extrapolated);
+    const double hold = step_from(Start::Held, barrier, problem);
+    return hold <= ahead ? hold : step_from(Start::Extrapolated, barrier, problem);
+  }
+
+  // First step from one of the two. Called as a function of its own it makes a warm tick 9 %
+  // longer.
+  template <class AnyBarrier>
+  GRASPFORCE_INLINE double step_from(Start start, AnyBarrier& barrier, const Problem& problem) {
+    answer_.result.start = start;
+    history_.extrapolate(barrier, problem, start == Start::Extrapolated ? 2 : 1);
+    return first_step(barrier, problem);
   }
 
   // Newton's method where the barrier stands (at a step of decrement lambda), else from pure

@@ -4,8 +4,8 @@
 // The same mathematics with the same names; the kernels are in lane_group.hpp. Q is the largest
 // number of components that a contact of the grasp may have. With no more than four contacts the
 // compiler keeps a step's numbers in registers. W c = f has at most six rows, and rows that are
-// missing or not in use are rows of zeros with a one on the diagonal of the 6 × 6 system. The
-// slacks of a soft wrench (see blocks.hpp) add F²/w to that diagonal, w the weight of the cones.
+// missing or not in use are rows of zeros with a one on the diagonal of the 6 × 6 system. A
+// soft wrench has its slacks in wrench_slacks.hpp.
 #pragma once
 
 #include <algorithm>
@@ -15,6 +15,7 @@
 #include "graspforce/lane_group.hpp"
 #include "graspforce/layout.hpp"
 #include "graspforce/structure.hpp"
+#include "graspforce/wrench_slacks.hpp"
 
 namespace graspforce {
 
@@ -151,7 +152,7 @@ class LaneBarrier {
   double wrench_error() const {
     double size = 0;
     for (int r = 0; r < kWrench; ++r) {
-      if (F_[r] > 0) continue;
+      if (slacks_.is_soft(r)) continue;
       Lanes part = {};
       for (const Group& group : *this)
         for (int i = 0; i < Q; ++i) part += abs(group.W[r][i] * group.c[i]);
@@ -183,10 +184,12 @@ class LaneBarrier {
   double newton() { return newton(f_); }
 
   double newton_from_multipliers() {
-    double last_nu[2 * kLanes];
-    std::copy_n(nu_, 2 * kLanes, last_nu);
+    double last_nu[kWrench], f[kWrench];
+    std::copy_n(nu_, kWrench, last_nu);
+    std::copy_n(f_, kWrench, f);
     for (Group& group : *this) group.subtract_wrench(last_nu);
-    const double lambda = is_soft() ? newton_of_slacks(last_nu) : newton(f_);
+    if (is_soft()) slacks_.subtract(last_nu, f);
+    const double lambda = newton(f);
     for (int r = 0; r < kWrench; ++r) nu_[r] += last_nu[r];
     return lambda;
   }
@@ -198,8 +201,7 @@ class LaneBarrier {
     Lanes total = {};
     for (const Group& group : *this)
       for (int i = 0; i < Q; ++i) total += group.g[i] * group.d[i];
-    if (is_soft())
-      for (int r : {0, kLanes}) total += four_at(slack_gradient_ + r) * four_at(ds_ + r);
+    if (is_soft()) total += slacks_.slope();
     return sum(total);
   }
 
@@ -215,8 +217,7 @@ class LaneBarrier {
       GRASPFORCE_UNROLL
       for (int i = 0; i < Q; ++i) group.c[i] += t * group.d[i];
     }
-    if (is_soft())
-      for (int r = 0; r < 2 * kLanes; ++r) s_[r] += t * ds_[r];
+    if (is_soft()) slacks_.advance(t);
   }
 
   void get_multipliers(double* nu) const {
@@ -234,10 +235,10 @@ class LaneBarrier {
     Lanes rhs[kWrench] = {};
     for (Group& group : *this) group.template add_gradient<false>(rhs);
     for (int r = 0; r < kWrench; ++r)
-      nu_[r] = sum(rhs[r]) + inverse_cone_weight_ * F_[r] * slack_gradient_[r];
+      nu_[r] = is_soft() ? sum(rhs[r]) + slacks_.pull(r) : sum(rhs[r]);
     system_.solve(nu_);
     Lanes squared = {};
-    if (is_soft()) squared += step_slacks();
+    if (is_soft()) squared += slacks_.step(nu_);
     for (const Group& group : *this) {
       Lanes left[Q];
       squared += group.residual(nu_, left);
@@ -267,30 +268,8 @@ class LaneBarrier {
     sound_ = system_.solve(total, nu_);
     Lanes squared = {};
     for (Group& each : *this) squared += each.step(nu_);
-    if (is_soft()) squared += step_slacks();
+    if (is_soft()) squared += slacks_.step(nu_);
     return std::sqrt(sum(squared));
-  }
-
-  // The same with slacks, from multipliers that are taken for granted.
-  double newton_of_slacks(const double* last_nu) {
-    double f[2 * kLanes];
-    for (int r = 0; r < 2 * kLanes; ++r) {
-      slack_gradient_[r] -= F_[r] * last_nu[r];
-      f[r] = r < kWrench ? f_[r] - D_[r] * last_nu[r] : 0;
-    }
-    return newton(f);
-  }
-
-  // The slacks' step under multipliers ν, and its part in λ².
-  Lanes step_slacks() {
-    Lanes squared = {};
-    for (int r : {0, kLanes}) {
-      const Lanes left = four_at(F_ + r) * four_at(nu_ + r) - four_at(slack_gradient_ + r);
-      const Lanes ds = inverse_cone_weight_ * left;
-      std::memcpy(ds_ + r, &ds, sizeof ds);
-      squared += left * ds;
-    }
-    return squared;
   }
 
   // Gives the slack of every soft row what the forces leave of it.
@@ -298,14 +277,12 @@ class LaneBarrier {
     settled_ = true;
     Lanes missing[2];
     missing_wrench(missing[0], missing[1]);
-    for (int r = 0; r < kWrench; ++r)
-      s_[r] = F_[r] > 0 ? missing[r / kLanes][r % kLanes] / F_[r] : 0;
+    slacks_.settle(missing);
   }
 
   template <bool with_hessian>
   bool evaluate() {
-    if (is_soft())
-      for (int r = 0; r < 2 * kLanes; ++r) slack_gradient_[r] = cone_weight_ * s_[r];
+    if (is_soft()) slacks_.evaluate(cone_weight_);
     Lanes worst = splat(kInfinity);
     for (Group& group : *this)
       worst =
@@ -318,10 +295,7 @@ class LaneBarrier {
     missing_wrench(high, low);
     high = abs(high);
     low = abs(low);
-    if (!is_soft()) return;
-    // Soft rows stay below any error.
-    high = four_at(exact_) * high - (1 - four_at(exact_));
-    low = four_at(exact_ + kLanes) * low - (1 - four_at(exact_ + kLanes));
+    if (is_soft()) slacks_.mask(high, low);
   }
   // f − W c.
   GRASPFORCE_INLINE void missing_wrench(Lanes& high, Lanes& low) const {
@@ -339,11 +313,11 @@ class LaneBarrier {
       std::copy_n(p.f, kWrench, f_);
     else
       for (int r = 0; r < kWrench; ++r) f_[r] = r < k_ ? p.f[row_[r]] : 0;
-    const Lanes high = abs(four_at(f_)), low = abs(four_at(f_ + kLanes));
-    largest_f_ = greatest(max(high, low));
-    largest_exact_f_ = is_soft()
-                           ? greatest(max(four_at(exact_) * high, four_at(exact_ + kLanes) * low))
-                           : largest_f_;
+    Lanes high = abs(four_at(f_)), low = abs(four_at(f_ + kLanes));
+    largest_f_ = largest_exact_f_ = greatest(max(high, low));
+    if (!is_soft()) return;
+    slacks_.mask(high, low);
+    largest_exact_f_ = std::max(0.0, greatest(max(high, low)));
   }
   void load_map(const Problem& p) {
     for (Group& group : *this) group.load_map(p.W, components_, row_, k_);
@@ -356,14 +330,9 @@ class LaneBarrier {
     for (Group& group : *this) group.load_limits(p, layout_);
   }
 
-  // Softness of the rows in use, and the diagonal that goes with it.
   void load_softness(const Problem& p) {
-    for (int r = 0; r < kWrench; ++r) {
-      F_[r] = is_soft() && r < k_ ? p.f_soft[row_[r]] : 0;
-      D_[r] = r < k_ ? inverse_cone_weight_ * F_[r] * F_[r] : 1;
-      exact_[r] = F_[r] > 0 ? 0 : 1;
-    }
-    system_.set_diagonal(D_);
+    slacks_.load(is_soft() ? p.f_soft : nullptr, row_, k_, cone_weight_);
+    system_.set_diagonal(slacks_.diagonal());
   }
 
   const Layout& layout_;
@@ -375,12 +344,9 @@ class LaneBarrier {
   WrenchSystem system_;
   int members_ = 0;  // contacts in the grasp
   int k_ = 0, row_[kWrench] = {};
-  double f_[2 * kLanes] = {}, largest_f_ = 0;            // zeros behind the last row
-  double largest_exact_f_ = 0, exact_[2 * kLanes] = {};  // 1 for a row that is not soft
-  double nu_[2 * kLanes] = {};
-  // The slacks of soft rows, with their softness: W c + F s = f.
-  double F_[2 * kLanes] = {}, D_[kWrench] = {};
-  double s_[2 * kLanes] = {}, ds_[2 * kLanes] = {}, slack_gradient_[2 * kLanes] = {};
+  double f_[2 * kLanes] = {}, nu_[2 * kLanes] = {};  // zeros behind the last row
+  double largest_f_ = 0, largest_exact_f_ = 0;       // of all rows, and of those that are not soft
+  WrenchSlacks slacks_;
   bool settled_ = false;  // the slacks belong to the forces of this or of the last tick
   double cone_weight_ = 1, limit_weight_ = 1, inverse_cone_weight_ = 1;
   bool sound_ = true;
