@@ -423,6 +423,28 @@ def test_terminal_a_long_name_splits_no_number(tmp_path, columns):
             assert f"{solution.friction_margins.min():.4g}" in tokens(plain(shown))
 
 
+def test_terminal_a_home_that_cannot_be_written_to_is_no_matter(tmp_path):
+    """A container's user without a home folder: matplotlib then tells of its cache."""
+    environment = {name: value for name, value in os.environ.items() if "MPL" not in name}
+    environment |= {"HOME": "/dev/null", "XDG_CONFIG_HOME": "", "XDG_CACHE_HOME": ""}
+    arguments = (
+        "compare",
+        "static",
+        "--method",
+        "wbf",
+        "--method",
+        "minimum_norm",
+        "--out",
+        tmp_path,
+    )
+    done = subprocess.run(
+        [sys.executable, "-m", "graspforce", *map(str, arguments)],
+        env=environment, capture_output=True, encoding="utf-8",
+    )  # fmt: skip
+    assert (done.returncode, "matplotlib" in done.stderr.lower()) == (0, False)
+    assert list(tmp_path.glob("*.png"))
+
+
 # ---- hints -------------------------------------------------------------------------------------
 
 REQUIRES = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -18,6 +19,8 @@ def as_command() -> Generator[None]:
     """Run the block as the whole work of this process."""
     _open_standard_streams()
     _end_orderly_on_signals()
+    # Where it keeps its cache, which it says without a home folder, is no result of a command.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     try:
         with one_line_errors():
             yield
