@@ -78,12 +78,12 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
 
   using Writable = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
   nb::class_<Servo>(module, "Servo", nb::type_slots(graspforce::servo_slots))
-      .def(nb::init<nb::object, graspforce::Vector, double, int, double, std::vector<nb::object>,
+      .def(nb::init<nb::object, nb::handle, double, int, double, std::vector<nb::object>,
                     nb::object, nb::object>(),
            "layout"_a, "packed"_a, "tol"_a, "max_steps"_a, "budget_us"_a, "statuses"_a, "refuse"_a,
            "solution"_a)
       .def("tick", &Servo::tick)
-      .def("step_problem", &Servo::step_problem, "packed"_a)
+      .def("step_problem", &Servo::step_problem, "packed"_a, "problem"_a)
       .def("last", &Servo::last)
       .def("reset", &Servo::reset)
       .def_prop_ro("packed", &Servo::numbers_of_last_tick)

@@ -19,7 +19,6 @@ namespace nb = nanobind;
 
 namespace graspforce {
 
-using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using NumpyVector = nb::ndarray<nb::numpy, const double, nb::ndim<1>>;
 
 // The layout that a graspforce._engine.layout.Layout, a tuple, describes.

@@ -26,14 +26,13 @@ class PythonServo : public Servo {
   // `shape` is a graspforce._engine.layout.Layout; `statuses` are the members of graspforce.Status
   // in their order; `refuse` gets a described flaw and raises an error; `solution` is
   // graspforce.Solution.
-  PythonServo(nb::object shape, Vector packed, double tol, int max_steps, double budget_us,
+  PythonServo(nb::object shape, nb::handle packed, double tol, int max_steps, double budget_us,
               std::vector<nb::object> statuses, nb::object refuse, nb::object solution)
       : Servo(make_layout(shape), {tol, max_steps, budget_us}),
         shape_(std::move(shape)),
         statuses_(std::move(statuses)),
         refuse_(std::move(refuse)),
         solution_(std::move(solution)) {
-    if (packed.size() != packed_size()) throw nb::value_error("packed: wrong size");
     write(packed);
     take_first_snapshot();
     each_field(layout(), [this](const Field& field) {
@@ -73,14 +72,13 @@ class PythonServo : public Servo {
     return make_solution(solution_, nb::cast(outcome(solve())), shape_);
   }
 
-  // Solves a validated problem, whose numbers become the fields'.
-  Outcome step_problem(Vector packed) {
-    if (packed.size() != packed_size()) throw nb::value_error("packed: wrong size");
+  // Solves a validated problem, whose numbers become the fields', for a Solution.
+  nb::object step_problem(nb::handle packed, nb::handle problem) {
     const BusyGuard guard(busy_);
     write(packed);
     stage();
     if (refuses()) throw nb::value_error("packed: numbers that do not make a problem");
-    return outcome(solve());
+    return make_solution(solution_, nb::cast(outcome(solve())), problem);
   }
 
   // What the last tick found, if there was one.
@@ -119,7 +117,10 @@ class PythonServo : public Servo {
     return nullptr;
   }
 
-  void write(const Vector& numbers) { std::copy_n(numbers.data(), numbers.size(), packed()); }
+  // Not by nanobind's arrays, which take 13 µs for one that is read-only.
+  void write(nb::handle numbers) {
+    std::copy_n(doubles(numbers, packed_size()), packed_size(), packed());
+  }
 
   // Stages an array for its field; false unless it is a C-contiguous array of finite float64
   // numbers in the field's exact shape, or a float for a field of one number. By NumPy's own

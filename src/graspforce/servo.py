@@ -146,7 +146,7 @@ class Servo:
                 f"{argument}: got {problem!r}, expected the shape that the Servo was made with "
                 f"({self.problem!r}); make a new Servo for another"
             )
-        return Solution(self._backend.step_problem(problem.packed), problem)
+        return self._backend.step_problem(problem.packed, problem)
 
     def reset(self) -> None:
         """Discard the past optima: the next tick starts cold."""

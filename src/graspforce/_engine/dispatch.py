@@ -38,8 +38,12 @@ class ServoBackend(Protocol):
         """
         ...
 
-    def step_problem(self, packed: Array) -> Outcome:
-        """Solve a validated problem, whose numbers become ``numbers``."""
+    def step_problem(self, packed: Array, problem: ForceProblem) -> Any:
+        """Solve a validated problem, given with its buffer, which becomes ``numbers``.
+
+        Returns:
+            A Solution.
+        """
         ...
 
     def last(self) -> Outcome | None:
@@ -74,8 +78,8 @@ class ServoBackend(Protocol):
 class ReferenceServo:
     """The paper's servo loop on the NumPy reference."""
 
-    def __init__(self, problem: ForceProblem, settings: Settings) -> None:
-        self._settings = settings
+    def __init__(self, problem: ForceProblem, settings: Settings, solution: type) -> None:
+        self._settings, self._solution = settings, solution
         self._layout = problem.layout
         self._past: list[Array] = []
         self.numbers = np.array(problem.packed)
@@ -88,12 +92,15 @@ class ReferenceServo:
         flaw = native.module.find_flaw(self._layout, self.numbers)
         if flaw is not None:
             native.refuse(flaw)
-        return Status(self.step_problem(self.numbers).status)
+        return Status(self._solve(self.numbers).status)
 
     def step(self, changes: Mapping[str, Any]) -> None:
         return None
 
-    def step_problem(self, packed: Array) -> Outcome:
+    def step_problem(self, packed: Array, problem: ForceProblem) -> Any:
+        return self._solution(self._solve(packed), problem)
+
+    def _solve(self, packed: Array) -> Outcome:
         self.numbers[:] = packed
         self.packed = np.array(packed)
         problem = ForceProblem.from_packed(self._layout, np.array(packed))
@@ -148,7 +155,7 @@ def solve(
 def make_servo(problem: ForceProblem, settings: Settings, solution: type) -> ServoBackend:
     """Return the servo of the backend that the settings name; ``solution`` is what steps return."""
     if settings.backend == "reference":
-        return ReferenceServo(problem, settings)
+        return ReferenceServo(problem, settings, solution)
     return NativeServo(
         problem.layout, problem.packed, *_limits(settings), list(Status), native.refuse, solution
     )
