@@ -184,12 +184,10 @@ class LaneBarrier {
   double newton() { return newton(f_); }
 
   double newton_from_multipliers() {
-    double last_nu[kWrench], f[kWrench];
+    double last_nu[kWrench];
     std::copy_n(nu_, kWrench, last_nu);
-    std::copy_n(f_, kWrench, f);
     for (Group& group : *this) group.subtract_wrench(last_nu);
-    if (is_soft()) slacks_.subtract(last_nu, f);
-    const double lambda = newton(f);
+    const double lambda = is_soft() ? newton_of_slacks(last_nu) : newton(f_);
     for (int r = 0; r < kWrench; ++r) nu_[r] += last_nu[r];
     return lambda;
   }
@@ -270,6 +268,13 @@ class LaneBarrier {
     for (Group& each : *this) squared += each.step(nu_);
     if (is_soft()) squared += slacks_.step(nu_);
     return std::sqrt(sum(squared));
+  }
+
+  double newton_of_slacks(const double* last_nu) {
+    double f[kWrench];
+    std::copy_n(f_, kWrench, f);
+    slacks_.subtract(last_nu, f);
+    return newton(f);
   }
 
   // Gives the slack of every soft row what the forces leave of it.
