@@ -97,7 +97,8 @@ def test_a_grasp_of_the_imported_hand_solves_like_the_papers():
     own = PaperHand("radial")
     tips = np.array([[0.04, 0, 0.1], [0, 0.04, 0.1], [-0.04, 0, 0.1], [0, -0.04, 0.1]])
     q = own.inverse_kinematics(tips)
-    contacts = [gf.Contact(p, -n, gf.PCWF(0.5)) for p, n in zip(tips, tips * 25 - [0, 0, 2.5])]  # noqa: B905
+    outwards = tips * 25 - [0, 0, 2.5]
+    contacts = [gf.Contact(p, -n, gf.PCWF(0.5)) for p, n in zip(tips, outwards, strict=True)]
     f = [0.1, 0, 2.5, 0, 0.01, 0]
     found = [
         gf.solve(gf.Grasp(contacts, hand, q).problem(f), check=True)

@@ -14,6 +14,9 @@ _STDERR = 2
 def native_stderr() -> Generator[Callable[[], str]]:
     """Hold back what is printed on the process's stderr; without an exception it comes at the end.
 
+    That is the whole process's: what other threads print meanwhile is held back with it. A caller
+    who raises puts what was printed into the exception.
+
     Yields:
         a function that returns what was printed so far.
     """

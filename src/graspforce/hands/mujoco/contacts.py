@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
-from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
+from graspforce.contact import Contact, ContactModel, model_of
 from graspforce.hands.mujoco.model import loose_bodies, mujoco_module
 
 Indices: TypeAlias = NDArray[np.intp]
@@ -40,10 +40,7 @@ class Contacts(NamedTuple):
     def models(self) -> tuple[ContactModel, ...]:
         """The contact models that lie within MuJoCo's cones."""
         numbers = zip(self.dims.tolist(), self.mu.tolist(), self.gamma.tolist(), strict=True)
-        return tuple(
-            FPC() if dim == 1 else PCWF(mu) if dim == 3 else SFC(mu, gamma)
-            for dim, mu, gamma in numbers
-        )
+        return tuple(model_of(*each) for each in numbers)
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
