@@ -42,6 +42,11 @@ class Grasp:
         passive_rows: of an underactuated hand, the virtual work of c over the motions that no
             motor moves, shape (k, m); k = 0 for others.
         passive_loads: what that work has to be, shape (k,): 0 but for weight and springs.
+        A: limits ``A c ≤ b`` that the hand sets besides, shape (p, m): stops that joints without
+            motors lean on push only.
+        b: shape (p,).
+        motions: the motions that an object on joints has, shape (6, k), as [linear at ``origin``;
+            angular]; None for one that moves freely.
         links: what makes each contact, where that was read from a robot; otherwise empty.
         notes: remarks of the import from a robot.
 
@@ -82,13 +87,16 @@ class Grasp:
         self.joint_names: tuple[str, ...] = ()
         self.passive_rows: Array = np.zeros((0, self.W.shape[1]))
         self.passive_loads: Array = np.zeros(0)
+        self.A: Array = np.zeros((0, self.W.shape[1]))
+        self.b: Array = np.zeros(0)
+        self.motions: Array | None = None
         self.links: tuple[str, ...] = ()
         self.notes: tuple[str, ...] = ()
 
     def _set_actuation(self, actuation: Actuation) -> None:
         (
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads,
+            self.passive_rows, self.passive_loads, self.A, self.b, self.notes,
         ) = actuation  # fmt: skip
         if not self.joint_names:  # what touches has no motors, as mocap bodies
             self.J = self.tau_lo = self.tau_hi = self.tau_bias = None
@@ -101,6 +109,8 @@ class Grasp:
         object_body: str | int,
         fingertips: Sequence[str] | None = None,
         tau_max: float | Mapping[str, float] | None = None,
+        locked: Sequence[str] = (),
+        motors: Sequence[str] | None = None,
     ) -> Grasp:
         """Read the grasp that a MuJoCo simulation is in.
 
@@ -120,6 +130,8 @@ class Grasp:
                 joint without a motor that it names gets one; where the model has no motors, one
                 number makes motors of all hinges and slides that follow no other joint and are not
                 the object's.
+            locked: joints that are held whatever the contacts do to them, as by brakes.
+            motors: the joints and tendons that have motors, in place of what the model says.
 
         Raises:
             MissingExtraError: MuJoCo is not installed.
@@ -130,7 +142,9 @@ class Grasp:
         """
         from graspforce.hands.mujoco.grasp import held_grasp
 
-        return cls._imported(held_grasp(model, data, object_body, fingertips, tau_max))
+        return cls._imported(
+            held_grasp(model, data, object_body, fingertips, tau_max, locked, motors)
+        )
 
     @classmethod
     def from_pinocchio(
@@ -142,6 +156,8 @@ class Grasp:
         v: ArrayLike | None = None,
         origin: ArrayLike = (0.0, 0.0, 0.0),
         tau_max: float | Mapping[str, float] | None = None,
+        locked: Sequence[str] = (),
+        motors: Sequence[str] | None = None,
     ) -> Grasp:
         """Read a grasp from a Pinocchio model and a list of contacts.
 
@@ -157,6 +173,9 @@ class Grasp:
             origin: the point about which the torque in f is taken, shape (3,) [m].
             tau_max: torque limits in place of the model's, both ways: one number for all, or by
                 name [N·m; N for prismatic joints].
+            locked: joints that are held whatever the contacts do to them, as by brakes.
+            motors: the joints that have motors; the others turn freely, but for those that are
+                locked.
 
         Raises:
             MissingExtraError: Pinocchio is not installed.
@@ -165,21 +184,24 @@ class Grasp:
         """
         from graspforce.hands.pinocchio.grasp import PinocchioGrasp
 
-        return cls._imported(PinocchioGrasp(model, q, contacts, links, v, origin, tau_max))
+        return cls._imported(
+            PinocchioGrasp(model, q, contacts, links, v, origin, tau_max, locked, motors)
+        )
 
     @classmethod
     def _imported(cls, read: ImportedGrasp) -> Grasp:
         grasp = cls.__new__(cls)
         grasp._set_contacts(read.contacts, read.origin)
         grasp._set_actuation(read.actuation)
-        grasp.links, grasp.notes = read.links, read.notes
+        grasp.links, grasp.notes, grasp.motions = read.links, read.notes, read.motions
         return grasp
 
     def problem(self, f: ArrayLike, **options: Unpack[ProblemOptions]) -> ForceProblem:
         """Return the problem of giving the object the wrench f with this grasp.
 
         With an underactuated hand its W and f have ``passive_rows`` and ``passive_loads``
-        below the wrench; ``f_soft`` is of the wrench alone, and these rows hold.
+        below the wrench; ``f_soft`` is of the wrench alone, and these rows hold. Of an object on
+        joints the wrench's rows are ``motions.T @ W`` and ``motions.T @ f``.
 
         Args:
             f: wrench that the fingers exert on the object, shape (6,) [N, N·m].
@@ -192,14 +214,27 @@ class Grasp:
         hand: ProblemOptions = {
             "J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi, "tau_bias": self.tau_bias,
         }  # fmt: skip
-        W, wanted = self.W, as_array(f, "f", (6,))
+        W, wanted, f_soft = self.W, as_array(f, "f", (6,)), options.get("f_soft")
+        soft = None if f_soft is None else as_array(f_soft, "f_soft", (6,), broadcast=True)
+        if self.motions is not None:
+            motions = self.motions
+            if soft is not None:
+                # The joints bear what costs nothing of a miss; left of ½ ‖(W c − f)/f_soft‖² is the
+                # same with motions.T @ diag(f_soft²) @ motions, here made diagonal.
+                squares, axes = np.linalg.eigh((motions.T * soft**2) @ motions)
+                motions, soft = motions @ axes, np.sqrt(squares.clip(0.0))
+            W, wanted = motions.T @ W, motions.T @ wanted
+        if soft is not None:
+            options["f_soft"] = np.append(soft, np.zeros(len(self.passive_loads)))
         if len(self.passive_rows):
             W = np.vstack((W, self.passive_rows))
             wanted = np.concatenate((wanted, self.passive_loads))
-            f_soft = options.get("f_soft")
-            if f_soft is not None:
-                soft = as_array(f_soft, "f_soft", (6,), broadcast=True)
-                options["f_soft"] = np.concatenate((soft, np.zeros(len(self.passive_loads))))
+        if len(self.A):
+            further = [options.get(name) for name in ("A", "b")]
+            given = [np.zeros(0)] if further[1] is None else [np.atleast_1d(further[1])]
+            options["b"] = np.concatenate((*given, self.b))
+            given = [] if further[0] is None else [np.atleast_2d(further[0])]
+            options["A"] = np.vstack((*given, self.A))
         return ForceProblem(W=W, f=wanted, models=self.models, **(hand | options))
 
     def __repr__(self) -> str:

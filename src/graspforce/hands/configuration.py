@@ -7,10 +7,12 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from graspforce._util.arrays import Array
+from graspforce._util.arrays import Array, as_tuple
 from graspforce.contact import Contact
+from graspforce.errors import InvalidInputError
 from graspforce.hands.hand import Actuation
 from graspforce.hands.limits import DriveLimit, as_tau_max, has_motor, limits
+from graspforce.hands.stops import Stops
 from graspforce.hands.transmission import RANK_TOLERANCE, Transmission
 
 
@@ -34,6 +36,11 @@ class Configuration(Protocol):
     @property
     def transmission(self) -> Transmission:
         """How the drives move the joints there; columns in the order of the drives."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the posture, a sentence each."""
         ...
 
     def twist(self, link: str, point: Array | None) -> Array:
@@ -68,36 +75,124 @@ class Motors(NamedTuple, Generic[D]):
     idle: tuple[str, ...]
     """Drives whose motors have no torque."""
 
-    def actuation(self, transmission: Transmission, full: Array, bias: Array) -> Actuation:
+    def actuation(
+        self,
+        transmission: Transmission,
+        full: Array,
+        bias: Array,
+        notes: tuple[str, ...] = (),
+    ) -> Actuation:
         """Return what the joints bring into the force problem.
 
         Args:
             transmission: how the drives move the joints.
             full: Jacobian over all joints in the contact frames, shape (m, n_dofs).
             bias: what all joints must give besides, shape (n_dofs,).
+            notes: what a user should know of the posture.
         """
-        driven, free = transmission
-        loaded = loaded_motions(full, free)
+        driven, loaded = transmission.driven, loaded_motions(full, transmission.free)
+        pushing = (full @ transmission.stopped).T
+        touched = pushing.any(axis=1)  # a stop that no contact loads is nobody's concern
         return Actuation(
             self.joint_names, full @ driven, self.tau_lo, self.tau_hi, driven.T @ bias,
             (full @ loaded).T, -loaded.T @ bias,
+            -pushing[touched], (transmission.stopped.T @ bias)[touched], notes,
         )  # fmt: skip
 
 
-def choose_motors(drives: Sequence[D], tau_max: float | Mapping[str, float] | None) -> Motors[D]:
+def choose_motors(
+    drives: Sequence[D],
+    tau_max: float | Mapping[str, float] | None,
+    named: Sequence[str] | None = None,
+) -> Motors[D]:
     """Choose those of the drives that have motors and settle their limits.
+
+    Args:
+        drives: the drives.
+        tau_max: the user's limits.
+        named: those that have motors, where the user says so.
 
     Raises:
         InvalidInputError: ``tau_max`` is wrong or names what is not there.
         ModelImportError: a drive without a limit.
     """
     given = as_tau_max(tau_max, [each.limit.name for each in drives])
-    kept = tuple(each for each in drives if has_motor(each.limit, given))
+    if named is None:
+        kept = tuple(each for each in drives if has_motor(each.limit, given))
+        idle = tuple(each.limit.name for each in drives if not has_motor(each.limit, given))
+    else:
+        kept, idle = tuple(each for each in drives if each.limit.name in named), ()
     allowed = limits([each.limit for each in kept], given)
     return Motors(
         kept, tuple(each.limit.name for each in kept), allowed.lo, allowed.hi, allowed.warnings,
-        tuple(each.limit.name for each in drives if not has_motor(each.limit, given)),
+        idle,
     )  # fmt: skip
+
+
+def as_names(names: Sequence[str], argument: str, known: Iterable[str]) -> tuple[str, ...]:
+    """Return the joints or tendons that an argument names.
+
+    Raises:
+        InvalidInputError: no list, or a name that is not there; the text lists those that are.
+    """
+    given, known = as_tuple(names, argument, str), tuple(dict.fromkeys(known))
+    for name in given:
+        if name not in known:
+            raise InvalidInputError(
+                f"{argument}: got {name!r}, expected some of {', '.join(known)}"
+            )
+    return given
+
+
+def locking_rows(locked: Sequence[str], dof_names: Sequence[str]) -> Array:
+    """Return couplings that hold joints still, shape (p, n_dofs).
+
+    Args:
+        locked: the joints.
+        dof_names: the joint of each degree of freedom, n_dofs names.
+
+    Raises:
+        InvalidInputError: ``locked`` names what is no joint.
+    """
+    locked = as_names(locked, "locked", dof_names)
+    return np.eye(len(dof_names))[[name in locked for name in dof_names]]
+
+
+def lock_notes(locked: Sequence[str]) -> list[str]:
+    """Say which joints are held, in a sentence or none."""
+    return [f"held whatever the contacts do to them: {', '.join(locked)}"] if locked else []
+
+
+def stop_notes(stops: Stops, transmission: Transmission) -> list[str]:
+    """Say which joints lean on their stops, a sentence for those of each kind."""
+    bearing = [stops.names[i] for i in transmission.bearing]
+    beside = [name for i, name in enumerate(stops.names) if i not in transmission.bearing]
+    notes: list[str] = []
+    if bearing:
+        notes.append(
+            f"at a stop, which can push off what no motor moves, and not pull: {', '.join(bearing)}"
+        )
+    if beside:
+        notes.append(
+            f"at a stop, and what it bears beside the motors is not counted: {', '.join(beside)}"
+        )
+    return notes
+
+
+def friction_notes(names: Sequence[str], sizes: Array) -> list[str]:
+    """Say that dry friction in joints is not counted, in a sentence or none.
+
+    Args:
+        names: the joints, n of them.
+        sizes: their dry friction, shape (n,) [N·m; N for slides and tendons].
+    """
+    rubbing = [
+        f"{name} (up to {size:g})"
+        for name, size in dict(zip(names, sizes.tolist(), strict=True)).items()
+        if size > 0
+    ]
+    what = "friction in the joints helps to hold and is not counted [N·m; N for slides]"
+    return [f"{what}: {', '.join(rubbing)}"] if rubbing else []
 
 
 def warnings_of(

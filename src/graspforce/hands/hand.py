@@ -91,6 +91,21 @@ class Actuation(NamedTuple):
     """Virtual work of c over the motions that no motor moves, shape (k, m)."""
     passive_loads: Array
     """What it has to be, shape (k,): ``passive_rows @ c = passive_loads``."""
+    A: Array
+    """Further limits ``A c ≤ b`` of the hand, shape (p, m): stops that joints lean on only push."""
+    b: Array
+    """shape (p,)."""
+    notes: tuple[str, ...]
+    """What a user should know of the posture, a sentence each."""
+
+
+@runtime_checkable
+class ActuatedHand(UnderactuatedHand, Protocol):
+    """A hand that says by itself all that it brings into the force problem."""
+
+    def actuation(self, contacts: Sequence[Contact], q: ArrayLike) -> Actuation:
+        """Return what the hand at the joint angles q brings into the force problem."""
+        ...
 
 
 class ImportedGrasp(Protocol):
@@ -117,6 +132,16 @@ class ImportedGrasp(Protocol):
         ...
 
     @property
+    def motions(self) -> Array | None:
+        """The object's possible motions, shape (6, k); None where it moves freely."""
+        ...
+
+    @property
+    def from_simulator(self) -> bool:
+        """Whether contacts are as physics has them, not chosen."""
+        ...
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know, a sentence each."""
         ...
@@ -134,6 +159,8 @@ def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuatio
     require_instance(
         hand, "hand", Hand, "a Hand: joint_names, tau_lo, tau_hi and jacobian(contacts, q)"
     )
+    if isinstance(hand, ActuatedHand):
+        return hand.actuation(contacts, q)
     underactuated = isinstance(hand, UnderactuatedHand)
     joints = as_tuple(hand.joint_names, "hand.joint_names", str)
     names = as_tuple(hand.q_names, "hand.q_names", str) if underactuated else joints
@@ -149,4 +176,6 @@ def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuatio
         bias, loads = hand.tau_bias(q), hand.passive_loads(contacts, q)
     else:
         bias, loads = np.zeros(len(joints)), np.zeros(len(passive))
-    return Actuation(joints, J, tau_lo, tau_hi, bias, passive, loads)
+    return Actuation(
+        joints, J, tau_lo, tau_hi, bias, passive, loads, np.zeros((0, m)), np.zeros(0), ()
+    )

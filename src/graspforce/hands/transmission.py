@@ -9,6 +9,11 @@ moves by ``drives @ dq``. Turned around, every allowed motion is
 with dl the drives' motions and dz motions that no drive takes part in. By virtual work, contact
 forces whose joint torques would be Q = J_full.T @ c on a robot with a motor at every joint need
 ``driven.T @ Q`` of the drives, and can be held only if ``free.T @ Q`` is 0.
+
+A joint that leans on a stop takes part as if the stop were a drive that only pushes: a motion off
+the stop, ``stops @ dq``, is one more dl, whose force has to be 0 or more. That holds for stops that
+bear what no drive does. One that acts on nothing but what drives move is left out: what it bears
+beside a motor depends on how the hand came there, and cannot be asked for.
 """
 
 from __future__ import annotations
@@ -31,23 +36,32 @@ class Transmission(NamedTuple):
     """Joint motion per motion of each drive, shape (n_dofs, n_drives)."""
     free: Array
     """An orthonormal basis of the motions that no drive takes part in, shape (n_dofs, k)."""
+    stopped: Array
+    """Joint motion per motion off each stop that bears what no drive does, shape (n_dofs, s)."""
+    bearing: tuple[int, ...]
+    """Which of the stops these are."""
 
 
-def transmission(drives: Array, couplings: Array) -> Transmission:
+def transmission(drives: Array, couplings: Array, stops: Array | None = None) -> Transmission:
     """Return how the drives move the joints.
 
     Args:
         drives: motion of each drive per joint motion, shape (n_drives, n_dofs).
         couplings: the joint motions for which ``couplings @ dq`` is not 0 are impossible,
             shape (p, n_dofs).
+        stops: joint motions away from the stops that joints lean on, shape (n_stops, n_dofs).
 
     Drives that act on the same motion share its load, each in proportion to its moment arm.
     """
-    allowed = _null_space(couplings)
+    allowed = null_space(couplings)
     moved = drives @ allowed
+    off = np.zeros((0, allowed.shape[1])) if stops is None else stops @ allowed
+    bearing = _independent(off, moved)
+    either = np.vstack((moved, off[list(bearing)]))
+    motions = _rounded(allowed @ np.linalg.pinv(either, rcond=RANK_TOLERANCE))
+    count = len(drives)
     return Transmission(
-        _rounded(allowed @ np.linalg.pinv(moved, rcond=RANK_TOLERANCE)),
-        _rounded(allowed @ _null_space(moved)),
+        motions[:, :count], _rounded(allowed @ null_space(either)), motions[:, count:], bearing
     )
 
 
@@ -60,7 +74,28 @@ def connected_dofs(moving: NDArray[np.bool_], rows: Array) -> NDArray[np.intp]:
         moving = wider
 
 
-def _null_space(rows: Array) -> Array:
+def _independent(rows: Array, of: Array) -> tuple[int, ...]:
+    """Return which rows are independent of the rows ``of`` and of those chosen before them."""
+    chosen: list[int] = []
+    left = null_space(of) if len(rows) else of
+    for i, row in enumerate(rows):
+        beside = row @ left
+        size = float(np.linalg.norm(beside))
+        if size > 1e-6 * float(np.linalg.norm(row)):
+            chosen.append(i)
+            left = left @ null_space(beside[None])
+    return tuple(chosen)
+
+
+def independent_columns(matrix: Array) -> Array:
+    """Return the matrix, or where its columns depend on each other a basis of what they span."""
+    left, sizes, _ = np.linalg.svd(matrix, full_matrices=False)
+    rank = int((sizes > RANK_TOLERANCE * sizes.max(initial=0.0)).sum())
+    return matrix if rank == matrix.shape[1] else left[:, :rank]
+
+
+def null_space(rows: Array) -> Array:
+    """Return an orthonormal basis of what the rows take to 0, shape (n, k)."""
     n = rows.shape[1]
     if not rows.any():
         return np.eye(n)

@@ -18,28 +18,50 @@ from graspforce._util.arrays import Array, as_tuple, came, index_of
 from graspforce.contact import Contact, ContactModel, as_contacts
 from graspforce.errors import InvalidInputError, warn
 from graspforce.grasp_map import map_about
-from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    Motors,
+    choose_motors,
+    friction_notes,
+    lock_notes,
+    locking_rows,
+    notes_of,
+    stop_notes,
+    warnings_of,
+)
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.limits import as_tau_max, has_motor
+from graspforce.hands.loops import HOPELESS, WORTH_SAYING, largest_gap, rows_of
 from graspforce.hands.mujoco.contacts import ContactReader, Indices, cross_matrices
 from graspforce.hands.mujoco.model import (
     Drive,
+    StopReader,
     bias_forces,
     body_of,
-    coupling_rows,
+    couplings,
     dof_names,
     dofs_above,
     drive_rows,
     drives,
+    every_dof,
+    free_joint_dofs,
     joints_as_drives,
     links_of,
     mocap_bodies,
+    moved_by,
     mujoco_module,
     name_of,
     taking_part,
+    turning,
 )
-from graspforce.hands.transmission import Transmission, connected_dofs, transmission
+from graspforce.hands.stops import Stops
+from graspforce.hands.transmission import (
+    Transmission,
+    connected_dofs,
+    independent_columns,
+    null_space,
+    transmission,
+)
 
 
 class _Hand(NamedTuple):
@@ -53,6 +75,7 @@ class _Hand(NamedTuple):
     """Gradients of the active equalities between joints, shape (p, nv)."""
     dofs: Indices
     motors: Motors[Drive]
+    stops: Stops
     transmission: Transmission
 
 
@@ -85,6 +108,8 @@ class MujocoGrasp:
             without a motor that it names gets one; where the model has no motors, one number
             makes motors of all hinges and slides that follow no other joint and are not the
             object's.
+        locked: joints that are held whatever the contacts do to them, as by brakes.
+        motors: the joints and tendons that have motors, in place of what the model says.
 
     Attributes:
         origin: the object's centre of mass, about which torques are taken, shape (3,) [m].
@@ -97,10 +122,15 @@ class MujocoGrasp:
             gravity, Coriolis forces, and what springs, dampers and fluids do to the joints.
         passive_rows: virtual work of c over the motions that no motor moves, shape (k, m).
         passive_loads: what it has to be, shape (k,).
+        A: limits ``A c ≤ b`` of stops that joints lean on and that only push, shape (p, m).
+        b: shape (p,).
+        motions: the motions that the object's own joints leave it, shape (6, k), as
+            [linear at ``origin``; angular]; None where it moves freely, or motors carry it.
 
     Raises:
         MissingExtraError: MuJoCo is not installed.
-        InvalidInputError: a name that is not there; an object that is fixed; as :meth:`update`.
+        InvalidInputError: a name that is not there; an object that is fixed; a closed linkage that
+            is open; as :meth:`update`.
         ModelImportError: a joint or tendon with a motor but without a torque limit.
 
     Warns:
@@ -117,7 +147,11 @@ class MujocoGrasp:
     tau_bias: Array
     passive_rows: Array
     passive_loads: Array
+    A: Array
+    b: Array
+    motions: Array | None
     actuation: Actuation
+    from_simulator = True
 
     def __init__(
         self,
@@ -126,6 +160,8 @@ class MujocoGrasp:
         object_body: str | int,
         joints: Sequence[str] | None = None,
         tau_max: float | Mapping[str, float] | None = None,
+        locked: Sequence[str] = (),
+        motors: Sequence[str] | None = None,
     ) -> None:
         mj = mujoco_module()
         if not isinstance(model, mj.MjModel):
@@ -143,7 +179,12 @@ class MujocoGrasp:
         for body in range(self._top, model.nbody):  # a body comes after its parent
             inside[body] = body == self._top or inside[model.body_parentid[body]]
         self._drives, self._motor_notes = drives(model)
-        self._drives += joints_as_drives(model, self._drives, tau_max, inside)
+        self._drives += joints_as_drives(model, self._drives, tau_max, motors, inside)
+        if motors is not None:
+            self._drives = [each for each in self._drives if each.limit.name in motors]
+        self._motors, self._locked = motors, as_tuple(locked, "locked", str)
+        self._held = locking_rows(self._locked, dof_names(model, every_dof(model)))
+        self._stops, self._turns = StopReader(model), turning(model)
         self._chosen = None if joints is None else _indices(joints, self._drives)
         self._given = as_tau_max(tau_max, [each.limit.name for each in self._drives])
         above = dofs_above(model)
@@ -154,6 +195,8 @@ class MujocoGrasp:
         self._above = above
         self._reader = ContactReader(model, inside)
         self._root_of_dof = model.body_rootid[model.dof_bodyid]
+        self._floats = bool(moved_by(model, self._top)[free_joint_dofs(model)].any())
+        self._own_dofs = inside[model.dof_bodyid] & ~moved_by(model, self._top)
         self._hand: _Hand | None = None
         self.update(data)
         warn(*self._warnings())
@@ -165,20 +208,30 @@ class MujocoGrasp:
             data: ``mujoco.MjData`` of the model, after ``mj_step``, ``mj_step1`` or ``mj_forward``.
 
         Raises:
-            InvalidInputError: data of another model, or in which nothing is computed yet.
+            InvalidInputError: data of another model, or in which nothing is computed yet, or in
+                which a closed linkage is open by more than a tenth of its size.
             ModelImportError: another joint has come to take part, which has no torque limit.
         """
         model = self._model
         _require_data(data, model)
-        moments, couplings = drive_rows(model, data, self._drives), coupling_rows(model, data)
+        moments, tied = drive_rows(model, data, self._drives), couplings(model, data)
         computed = data.xquat[self._top].any() and (moments.any() or not self._drives)
         if not computed:
             raise InvalidInputError(
                 "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
             )
+        gap = largest_gap(tied, self._turns)
+        if gap.share > HOPELESS:
+            raise InvalidInputError(
+                f"data: the closed linkage of {' and '.join(gap.between)} is open by "
+                f"{1000 * gap.metres:.3g} mm, expected it closed: step the simulation until it is, "
+                "or let hands.from_mjcf close it"
+            )
         contacts = self._reader.read(data, moments)
         acting = self._acting[contacts.bodies].sum(axis=1)
-        hand = self._hand_of(np.any(acting != 0, axis=0), moments, couplings)
+        coupled = np.vstack((rows_of(tied, self._turns), self._held))
+        stops = self._stops.read(data)
+        hand = self._hand_of(np.any(acting != 0, axis=0), moments, coupled, stops)
         origin = np.array(data.subtree_com[self._top])
         wrenches = contacts.wrenches(origin)
         screws = self._read_screws(data, hand.dofs, origin)
@@ -187,11 +240,13 @@ class MujocoGrasp:
         bias = bias_forces(model, data)[hand.dofs]
         actuation = hand.motors.actuation(hand.transmission, full, bias)
         self._contacts, self._hand, self._screws = contacts, hand, screws
+        self._gap, self._tied = gap, tied
         self.origin, self.actuation = origin, actuation
+        self.motions = self._motions(data, moments, coupled)
         self.W = np.ascontiguousarray(wrenches.T)
         (
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads,
+            self.passive_rows, self.passive_loads, self.A, self.b, _,
         ) = actuation  # fmt: skip
 
     @property
@@ -223,7 +278,18 @@ class MujocoGrasp:
             *self._warnings(),
             *notes_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
             *self._motor_notes,
+            *lock_notes(self._locked),
+            *stop_notes(hand.stops, hand.transmission),
+            *friction_notes(
+                dof_names(self._model, hand.dofs), self._model.dof_frictionloss[hand.dofs]
+            ),
+            *self._object_notes(),
         ]
+        if self._gap.share > WORTH_SAYING:
+            notes.append(
+                f"the closed linkage of {' and '.join(self._gap.between)} is open by "
+                f"{1000 * self._gap.metres:.3g} mm: J is off by about {self._gap.share:.1%}"
+            )
         absent = self.fingers_without_contact()
         if absent:
             notes.append(f"not in contact with {self.object_name!r}: {', '.join(absent)}")
@@ -312,6 +378,10 @@ class MujocoGrasp:
         driven[connected_dofs(np.any(hand.moments != 0, axis=0), hand.couplings)] = True
         fingers = (self._above & driven).any(axis=1) & ~self._touching()
         fingers[model.body_parentid] = False
+        for each in self._tied:  # the links of a closed linkage are one finger
+            linkage = (self._above & each.rows.any(axis=0)).any(axis=1)
+            if each.kind == "place" and (linkage & self._touching()).any():
+                fingers &= ~linkage
         body = mujoco_module().mjtObj.mjOBJ_BODY
         return [name_of(model, body, each) for each in np.flatnonzero(fingers).tolist()]
 
@@ -362,13 +432,15 @@ class MujocoGrasp:
             *warnings_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
         )
 
-    def _hand_of(self, moving: NDArray[np.bool_], moments: Array, couplings: Array) -> _Hand:
+    def _hand_of(
+        self, moving: NDArray[np.bool_], moments: Array, couplings: Array, stops: Stops
+    ) -> _Hand:
         """Return the hand that moves the degrees of freedom ``moving``; the last one if it does.
 
         Whatever it is made from is compared bit by bit, so that a hand whose moment arms change
         is made anew, and one with a motor a joint stays.
         """
-        key = (moving.tobytes(), moments.tobytes(), couplings.tobytes())
+        key = tuple(each.tobytes() for each in (moving, moments, couplings, stops.rows))
         if self._hand is not None and key == self._hand.key:
             return self._hand
         chosen, coupled = self._chosen, couplings
@@ -382,14 +454,59 @@ class MujocoGrasp:
             coupled = np.vstack((couplings, moments[holding]))
         dofs = connected_dofs(moving, np.vstack((moments, couplings)))
         if chosen is None:
-            chosen = taking_part(moments, dofs)
+            chosen = taking_part(moments * ~self._held.any(axis=0), dofs)
         acting = [self._drives[i] for i in chosen]
         names = {each.limit.name for each in acting}
         given = {name: size for name, size in self._given.items() if name in names}
-        motors = choose_motors(acting, given)
+        motors = choose_motors(acting, given, self._motors)
         rows = moments[[self._drives.index(each) for each in motors.drives]]
-        moved = transmission(rows[:, dofs], coupled[:, dofs])
-        return _Hand(key, moments, couplings, dofs, motors, moved)
+        leaned = stops.on(dofs, self._held)
+        moved = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
+        return _Hand(key, moments, couplings, dofs, motors, leaned, moved)
+
+    def _motions(self, data: Any, moments: Array, couplings: Array) -> Array | None:
+        """Return what ``motions`` is."""
+        carrying = self._above[self._top]
+        if self._floats or not carrying.any():
+            return None
+        dofs = connected_dofs(carrying, couplings)
+        if moments[:, dofs].any():
+            return None
+        screws = self._read_screws(data, dofs, self.origin).T * carrying[dofs]
+        motions = independent_columns(screws @ null_space(couplings[:, dofs]))
+        return motions if motions.shape[1] < 6 else None
+
+    def _object_notes(self) -> list[str]:
+        """Say what else moves with the object, and what carries it, a sentence each."""
+        model, body, own = self._model, mujoco_module().mjtObj.mjOBJ_BODY, self.object_name
+        moments = self._found.moments.any(axis=0)
+        carrying, notes = self._above[self._top], list[str]()
+        if carrying.any():
+            joints = ", ".join(dict.fromkeys(dof_names(model, np.flatnonzero(carrying))))
+            if self.motions is not None:
+                notes.append(
+                    f"{own!r} moves by {joints} alone: of f only what works along these motions is "
+                    "asked of the contacts, and the joints bear the rest"
+                )
+            elif self._floats:
+                root = name_of(model, body, int(model.body_rootid[self._top]))
+                notes.append(
+                    f"{own!r} hangs by {joints} on {root!r}, which floats: all of f is asked of "
+                    f"the contacts; object_body={root!r} counts both"
+                )
+        held: dict[int, list[str]] = {}
+        for dof in np.flatnonzero(self._own_dofs & ~moments).tolist():
+            held.setdefault(int(model.dof_bodyid[dof]), []).extend(
+                dof_names(model, np.array([dof]))
+            )
+        if held:
+            parts = ", ".join(
+                f"{name_of(model, body, each)} ({model.body_mass[each]:.3g} kg, by "
+                f"{', '.join(dict.fromkeys(joints))})"
+                for each, joints in held.items()
+            )
+            notes.append(f"f has to hold what moves on {own!r} too: {parts}")
+        return notes
 
     def _read_screws(self, data: Any, dofs: Indices, origin: Array) -> Array:
         """Return the motion by each joint's, [linear at ``origin``; angular], shape (n_dofs, 6)."""
@@ -406,13 +523,15 @@ def held_grasp(
     object_body: str | int,
     fingertips: Sequence[str] | None,
     tau_max: float | Mapping[str, float] | None,
+    locked: Sequence[str],
+    motors: Sequence[str] | None,
 ) -> MujocoGrasp:
     """Return the grasp of an object that fingers hold; see :meth:`graspforce.Grasp.from_mujoco`.
 
     Raises:
         InvalidInputError: as :class:`MujocoGrasp`; no finger touches, or not all ``fingertips``.
     """
-    grasp = MujocoGrasp(model, data, object_body, tau_max=tau_max)
+    grasp = MujocoGrasp(model, data, object_body, tau_max=tau_max, locked=locked, motors=motors)
     if fingertips is not None:
         grasp.require_contact(fingertips)
     if not grasp.joint_names and not grasp.touched_by_mocap():

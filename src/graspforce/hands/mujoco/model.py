@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
 from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
+from graspforce.hands.configuration import as_names, stop_notes
 from graspforce.hands.limits import DriveLimit, as_tau_max
+from graspforce.hands.loops import Coupling, rows_of
+from graspforce.hands.stops import Stops, leaning, no_stops
 from graspforce.hands.transmission import Transmission, transmission
 
 
@@ -105,25 +108,29 @@ def joints_as_drives(
     model: Any,
     found: Sequence[Drive],
     tau_max: float | Mapping[str, float] | None,
+    named: Sequence[str] | None = None,
     of_object: NDArray[np.bool_] | None = None,
 ) -> list[Drive]:
-    """Return drives for the joints to which ``tau_max`` gives motors that the file does not have.
+    """Return drives for the joints that the user gives motors which the file does not have.
 
-    By name it gives them to any hinges and slides. One number is for the file's motors; in a file
-    without any, for all hinges and slides that follow no other joint.
+    ``named`` says which have motors. Without it ``tau_max`` gives them by name to any hinges and
+    slides. One number is for the file's motors; in a file without any, for all hinges and slides
+    that follow no other joint.
 
     Args:
         model: the model.
         found: the file's drives.
         tau_max: the user's limits.
+        named: the drives that have motors, where the user says so.
         of_object: which bodies make up the object, whose joints get motors by name only, shape
             (nbody,).
 
     Raises:
-        InvalidInputError: ``tau_max`` is wrong or names what is neither a drive nor such a joint.
+        InvalidInputError: ``tau_max`` is wrong, or it or ``named`` names what is neither a drive
+            nor such a joint.
     """
     mj = mujoco_module()
-    if tau_max is None or (found and not isinstance(tau_max, Mapping)):
+    if named is None and (tau_max is None or (found and not isinstance(tau_max, Mapping))):
         return []
     hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
     names = {
@@ -132,8 +139,11 @@ def joints_as_drives(
         if int(model.jnt_type[joint]) in (hinge, slide)
     }
     driven = [each.limit.name for each in found]
-    given = as_tau_max(tau_max, list(dict.fromkeys((*driven, *names.values()))))
-    if not isinstance(tau_max, Mapping):
+    known = list(dict.fromkeys((*driven, *names.values())))
+    wanted: Sequence[str] = tuple(as_tau_max(tau_max, known))
+    if named is not None:
+        wanted = as_names(named, "motors", known)
+    elif not isinstance(tau_max, Mapping):
         equal = (model.eq_type == int(mj.mjtEq.mjEQ_JOINT)) & (model.eq_active0 != 0)
         left = set(model.eq_obj1id[equal].tolist())
         if of_object is not None:
@@ -141,7 +151,7 @@ def joints_as_drives(
         names = {joint: name for joint, name in names.items() if joint not in left}
     added: list[Drive] = []
     for joint, name in names.items():
-        if name in given and name not in driven:
+        if name in wanted and name not in driven:
             turns = int(model.jnt_type[joint]) == hinge
             limit = DriveLimit(name, "N·m" if turns else "N", 0.0, 0.0, float(turns))
             added.append(Drive(limit, model.nout + int(model.jnt_dofadr[joint]), 1.0))
@@ -225,13 +235,13 @@ def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
     return rows[[drive.output for drive in each]] / gears.reshape(-1, 1)
 
 
-def coupling_rows(model: Any, data: Any) -> Array:
-    """Return the gradients of the active equality constraints between joints, shape (p, nv).
+def couplings(model: Any, data: Any) -> list[Coupling]:
+    """Return the active equality constraints between joints at data's configuration.
 
     Those that hold a free body (the mount of a hand, an object) are left out.
     """
     if not data.ne:
-        return np.zeros((0, model.nv))
+        return []
     mj = mujoco_module()
     rows = np.zeros((data.nefc, model.nv))
     if mj.mj_isSparse(model):
@@ -240,8 +250,87 @@ def coupling_rows(model: Any, data: Any) -> Array:
         )
     else:
         rows = np.array(data.efc_J, dtype=float).reshape(data.nefc, model.nv)
-    rows = rows[data.efc_type == int(mj.mjtConstraint.mjCNSTR_EQUALITY)]
-    return rows[~rows[:, _free_joint_dofs(model)].any(axis=1)]
+    equal = data.efc_type == int(mj.mjtConstraint.mjCNSTR_EQUALITY)
+    rows, gaps, which = rows[equal], data.efc_pos[equal], data.efc_id[equal]
+    free, connect, weld = free_joint_dofs(model), mj.mjtEq.mjEQ_CONNECT, mj.mjtEq.mjEQ_WELD
+    found: list[Coupling] = []
+    for each in dict.fromkeys(which.tolist()):
+        own, gap = rows[which == each], np.array(gaps[which == each])
+        if int(model.eq_type[each]) not in (int(connect), int(weld)):
+            found.append(Coupling("ratio", own, gap, ()))
+            continue
+        first, second = _tied_bodies(model, each)
+        own[:, moved_by(model, first) & moved_by(model, second)] = 0.0
+        names = tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in (first, second))
+        found.append(Coupling("place", own[:3], gap[:3], names))
+        if len(own) > 3:
+            found.append(Coupling("turn", own[3:], gap[3:], names))
+    return [each for each in found if not each.rows[:, free].any()]
+
+
+def _tied_bodies(model: Any, equality: int) -> tuple[int, int]:
+    """Return the two bodies that a connect or weld ties together."""
+    pair = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+    if int(model.eq_objtype[equality]) == int(mujoco_module().mjtObj.mjOBJ_SITE):
+        return int(model.site_bodyid[pair[0]]), int(model.site_bodyid[pair[1]])
+    return pair
+
+
+def moved_by(model: Any, body: int) -> NDArray[np.bool_]:
+    """Return which degrees of freedom move a body, a free joint's too, shape (nv,)."""
+    moving = np.zeros(model.nv, dtype=bool)
+    while body:
+        first = int(model.body_dofadr[body])
+        moving[first : first + int(model.body_dofnum[body])] = True
+        body = int(model.body_parentid[body])
+    return moving
+
+
+def turning(model: Any) -> NDArray[np.bool_]:
+    """Return which degrees of freedom are turns and no slides, shape (nv,)."""
+    slide = int(mujoco_module().mjtJoint.mjJNT_SLIDE)
+    turns: NDArray[np.bool_] = model.jnt_type[model.dof_jntid] != slide
+    return turns
+
+
+class StopReader:
+    """Finds the stops that a model's joints and tendons lean on."""
+
+    def __init__(self, model: Any) -> None:
+        """Look up which of them have stops."""
+        mj = mujoco_module()
+        hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
+        simple = (model.jnt_type == hinge) | (model.jnt_type == slide)
+        self._model = model
+        self._joints = np.flatnonzero(simple & (model.jnt_limited != 0))
+        self._tendons = np.flatnonzero(model.tendon_limited != 0)
+        self._names = (
+            *(name_of(model, mj.mjtObj.mjOBJ_JOINT, each) for each in self._joints.tolist()),
+            *(name_of(model, mj.mjtObj.mjOBJ_TENDON, each) for each in self._tendons.tolist()),
+        )
+        self._turns = np.append(
+            model.jnt_type[self._joints] == hinge, np.zeros(len(self._tendons), dtype=bool)
+        )
+
+    def read(self, data: Any) -> Stops:
+        """Return the stops that are leant on at data's configuration."""
+        mj, model, joints, tendons = mujoco_module(), self._model, self._joints, self._tendons
+        off = int(model.opt.disableflags) & int(mj.mjtDisableBit.mjDSBL_LIMIT)
+        if off or not self._names:
+            return no_stops(model.nv)
+        moved = np.zeros((model.ntendon, model.nv))
+        if len(tendons):
+            mj.mju_sparse2dense(
+                moved, np.ravel(data.ten_J), model.ten_J_rownnz, model.ten_J_rowadr,
+                model.ten_J_colind,
+            )  # fmt: skip
+        return leaning(
+            self._names,
+            np.vstack((np.eye(model.nv)[model.jnt_dofadr[joints]], moved[tendons])),
+            np.append(data.qpos[model.jnt_qposadr[joints]], data.ten_length[tendons]),
+            np.vstack((model.jnt_range[joints], model.tendon_range[tendons])),
+            self._turns,
+        )
 
 
 def bias_forces(model: Any, data: Any) -> Array:
@@ -253,7 +342,8 @@ def bias_forces(model: Any, data: Any) -> Array:
     return np.array(data.qfrc_bias - data.qfrc_passive - by_motor)
 
 
-def _free_joint_dofs(model: Any) -> NDArray[np.bool_]:
+def free_joint_dofs(model: Any) -> NDArray[np.bool_]:
+    """Return which degrees of freedom are free joints', shape (nv,)."""
     free = model.jnt_type == int(mujoco_module().mjtJoint.mjJNT_FREE)
     dofs: NDArray[np.bool_] = free[model.dof_jntid]
     return dofs
@@ -266,7 +356,7 @@ def dofs_above(model: Any) -> NDArray[np.bool_]:
         above[body] = above[model.body_parentid[body]]
         first = int(model.body_dofadr[body])
         above[body, first : first + int(model.body_dofnum[body])] = True
-    return above & ~_free_joint_dofs(model)
+    return above & ~free_joint_dofs(model)
 
 
 def mocap_bodies(model: Any) -> NDArray[np.bool_]:
@@ -292,7 +382,7 @@ def loose_bodies(model: Any, moments: Array) -> NDArray[np.bool_]:
     """
     root = model.body_rootid[model.dof_bodyid]
     loose = np.zeros(model.nbody, dtype=bool)
-    loose[root[_free_joint_dofs(model)]] = True
+    loose[root[free_joint_dofs(model)]] = True
     loose[root[moments.any(axis=0)]] = False
     of_body: NDArray[np.bool_] = loose[model.body_rootid] & ~mocap_bodies(model)
     return of_body
@@ -308,13 +398,33 @@ class MujocoConfiguration:
     """A model at the configuration whose positions, moment arms and constraints ``data`` holds."""
 
     def __init__(
-        self, model: Any, data: Any, dofs: NDArray[np.intp], drives: Sequence[Drive]
+        self,
+        model: Any,
+        data: Any,
+        dofs: NDArray[np.intp],
+        drives: Sequence[Drive],
+        held: Array,
+        stops: Stops,
+        notes: Sequence[str] = (),
     ) -> None:
-        """Read how the drives move the degrees of freedom."""
+        """Read how the drives move the degrees of freedom.
+
+        Args:
+            model: the model.
+            data: its data.
+            dofs: the degrees of freedom that count.
+            drives: the drives.
+            held: further couplings, shape (p, nv): joints that are locked.
+            stops: those that joints lean on.
+            notes: what a user should know of the posture.
+        """
         self._model, self._data, self._dofs = model, data, dofs
+        coupled = np.vstack((rows_of(couplings(model, data), turning(model)), held))
+        leaned = stops.on(dofs, held)
         self.transmission: Transmission = transmission(
-            drive_rows(model, data, drives)[:, dofs], coupling_rows(model, data)[:, dofs]
+            drive_rows(model, data, drives)[:, dofs], coupled[:, dofs], leaned.rows
         )
+        self.notes = (*notes, *stop_notes(leaned, self.transmission))
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -340,6 +450,11 @@ class MujocoConfiguration:
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""
         return bias_forces(self._model, self._data)[self._dofs]
+
+
+def every_dof(model: Any) -> NDArray[np.intp]:
+    """Return the numbers of all degrees of freedom."""
+    return np.arange(int(model.nv), dtype=np.intp)
 
 
 def dof_names(model: Any, dofs: NDArray[np.intp]) -> tuple[str, ...]:

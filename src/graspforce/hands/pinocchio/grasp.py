@@ -12,11 +12,21 @@ from graspforce._util.arrays import Array, as_array, as_tuple
 from graspforce.contact import Contact, as_contacts, warn_of_slips
 from graspforce.errors import InvalidInputError, ModelImportError, warn
 from graspforce.grasp_map import map_about
-from graspforce.hands.configuration import choose_motors, full_jacobian, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    as_names,
+    choose_motors,
+    friction_notes,
+    full_jacobian,
+    lock_notes,
+    locking_rows,
+    notes_of,
+    warnings_of,
+)
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_link
 from graspforce.hands.pinocchio.model import (
     PinocchioConfiguration,
+    dof_names,
     frames_of,
     joint_drives,
     pinocchio_module,
@@ -41,6 +51,8 @@ class PinocchioGrasp:
         origin: the point about which the torque in f is taken, shape (3,) [m].
         tau_max: torque limits in place of the model's, both ways: one number for all, or by name
             [N·m; N for prismatic joints].
+        locked: joints that are held whatever the contacts do to them, as by brakes.
+        motors: the joints that have motors; the others turn freely, but for those that are locked.
 
     Attributes:
         contacts: the contacts, a tuple.
@@ -53,7 +65,10 @@ class PinocchioGrasp:
         tau_hi: upper torque limits, likewise.
         tau_bias: the torques at which the joints do not accelerate while nothing touches: gravity
             and Coriolis forces. Pinocchio's dynamics have no springs and no damping.
-        notes: what a user should know, a sentence each.
+        passive_rows: virtual work of c over the motions that no motor moves, shape (k, m).
+        passive_loads: what it has to be, shape (k,).
+        A: limits ``A c ≤ b`` of stops that joints lean on and that only push, shape (p, m).
+        b: shape (p,).
 
     Raises:
         MissingExtraError: Pinocchio is not installed.
@@ -73,7 +88,13 @@ class PinocchioGrasp:
     tau_lo: Array
     tau_hi: Array
     tau_bias: Array
+    passive_rows: Array
+    passive_loads: Array
+    A: Array
+    b: Array
     actuation: Actuation
+    motions: Array | None = None
+    from_simulator = False
 
     def __init__(
         self,
@@ -84,6 +105,8 @@ class PinocchioGrasp:
         v: ArrayLike | None = None,
         origin: ArrayLike = (0.0, 0.0, 0.0),
         tau_max: float | Mapping[str, float] | None = None,
+        locked: Sequence[str] = (),
+        motors: Sequence[str] | None = None,
     ) -> None:
         pin = pinocchio_module()
         if not isinstance(model, pin.Model):
@@ -101,17 +124,27 @@ class PinocchioGrasp:
         self.links = tuple(as_link(link, "links", frames) for link in given)
         couplings = np.zeros((0, int(model.nv)))  # a model's mimic joints are no dofs of their own
         self._dofs = what_moves(model, self.links, couplings)
+        held = locking_rows(locked, list(dof_names(model).values()))
+        every = joint_drives(model)
+        if motors is not None:
+            as_names(motors, "motors", [each.limit.name for each in every])
         self._motors = choose_motors(
-            [each for each in joint_drives(model) if each.dof in self._dofs], tau_max
-        )
+            [each for each in every if each.dof in self._dofs and not held[:, each.dof].any()],
+            tau_max, motors,
+        )  # fmt: skip
         if not self._motors.drives:
             raise ModelImportError(f"no motor moves any of the links {', '.join(self.links)}")
         self._configuration = PinocchioConfiguration(
-            model, start, self._dofs, self._motors.drives, couplings
+            model, start, self._dofs, self._motors.drives, couplings, held
         )
         told = (self._motors, self._configuration.transmission, self._configuration.dof_names)
         warnings = warnings_of(*told)
-        self.notes = (*warnings, *notes_of(*told))
+        self._notes = (
+            *warnings, *notes_of(*told), *lock_notes(locked),
+            *friction_notes(
+                self._configuration.dof_names, model.upperDryFrictionLimit[self._dofs]
+            ),
+        )  # fmt: skip
         self.update(q, contacts, v, origin)
         warn_of_slips(self.contacts)
         warn(*warnings)
@@ -155,4 +188,12 @@ class PinocchioGrasp:
         bias = np.array(pin.nonLinearEffects(model, self._data, q, velocity))[self._dofs]
         self.contacts, self.origin, self.W = given, about, map_about(about, given)
         self.actuation = self._motors.actuation(self._configuration.transmission, full, bias)
-        self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias, *_ = self.actuation
+        (
+            self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
+            self.passive_rows, self.passive_loads, self.A, self.b, _,
+        ) = self.actuation  # fmt: skip
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know, a sentence each."""
+        return (*self._notes, *self._configuration.notes)

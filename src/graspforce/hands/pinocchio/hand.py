@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from graspforce._util.arrays import Array, require_instance
 from graspforce._util.native_stderr import native_stderr
 from graspforce.errors import ModelImportError, warn
-from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    as_names,
+    choose_motors,
+    friction_notes,
+    lock_notes,
+    locking_rows,
+    notes_of,
+    warnings_of,
+)
 from graspforce.hands.imported import (
     ImportedHand,
     as_fingertips,
@@ -36,18 +44,23 @@ def from_urdf(
     path: str | Path,
     fingertips: Sequence[str] | Mapping[str, str],
     tau_max: float | Mapping[str, float] | None = None,
+    locked: Sequence[str] = (),
+    motors: Sequence[str] | None = None,
 ) -> ImportedHand:
     """Read a hand from a URDF file; meshes are neither needed nor looked for.
 
     URDF does not say which joints have motors. Every revolute, continuous or prismatic joint
     that mimics no other is taken to have one, unless its effort limit is 0 and ``tau_max`` does
-    not give another.
+    not give another, or ``motors`` says which have.
 
     Args:
         path: the file.
         fingertips: links, one a finger; a mapping names the fingers.
         tau_max: torque limits in place of the file's effort limits, both ways: one number for
             all joints, or by name [N·m; N for prismatic joints].
+        locked: joints that are held whatever the contacts do to them, as by brakes.
+        motors: the joints that have motors; the others turn freely, but for those that are locked
+            or follow others.
 
     Returns:
         The hand, contacts in the frame of the root link. What should not be believed silently
@@ -57,7 +70,7 @@ def from_urdf(
         MissingExtraError: Pinocchio is not installed.
         ModelImportError: the file is missing or no URDF; a finger that no motor moves; a joint
             without a torque limit; a joint that mimics one that is not there.
-        InvalidInputError: a fingertip or a name in tau_max that is not there.
+        InvalidInputError: a fingertip or a name in tau_max, locked or motors that is not there.
     """
     require_instance(path, "path", str | Path, "a path")
     path = Path(path)
@@ -69,24 +82,28 @@ def from_urdf(
     couplings = _couplings(path, model, mimics, links)
     following = {each.joint for each in mimics}
     dofs = what_moves(model, links, couplings)
-    drives = [
-        each
-        for each in joint_drives(model)
-        if each.dof in dofs and each.limit.name not in following
-    ]
-    motors = choose_motors(drives, tau_max)
+    every = [each for each in joint_drives(model) if each.limit.name not in following]
+    held = locking_rows(locked, list(dof_names(model).values()))
+    if motors is not None:
+        as_names(motors, "motors", [each.limit.name for each in every])
+    drives = [each for each in every if each.dof in dofs and not held[:, each.dof].any()]
+    chosen = choose_motors(drives, tau_max, motors)
     configuration = PinocchioConfiguration(
-        model, pin.neutral(model), dofs, motors.drives, couplings
+        model, pin.neutral(model), dofs, chosen.drives, couplings, held, leans=False
     )
-    fingers = fingers_of(configuration, motors, tips)
+    fingers = fingers_of(configuration, chosen, tips)
     free = tuple(name for name in configuration.dof_names if name not in following)
-    robot = PinocchioRobot(model, dofs, motors.drives, couplings, free, mimics)
-    told = (motors, configuration.transmission, configuration.dof_names)
+    robot = PinocchioRobot(model, dofs, chosen.drives, couplings, free, mimics, held)
+    told = (chosen, configuration.transmission, configuration.dof_names)
     warnings = warnings_of(*told)
     warn(*warnings)
+    notes = (
+        *warnings, *notes_of(*told), *lock_notes(locked),
+        *friction_notes(configuration.dof_names, model.upperDryFrictionLimit[dofs]),
+    )  # fmt: skip
     return ImportedHand(
-        motors.joint_names, free, motors.tau_lo, motors.tau_hi, fingers, tips,
-        tuple(tips.values()), (*warnings, *notes_of(*told)), robot,
+        chosen.joint_names, free, chosen.tau_lo, chosen.tau_hi, fingers, tips,
+        tuple(tips.values()), notes, robot,
     )  # fmt: skip
 
 
@@ -109,6 +126,7 @@ class PinocchioRobot:
     couplings: Array
     q_names: tuple[str, ...]
     mimics: tuple[_Mimic, ...]
+    held: Array
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -132,7 +150,9 @@ class PinocchioRobot:
         names = dof_names(self.model)
         turned = np.array([angles.get(names[dof], 0.0) for dof in range(self.model.nv)])
         q = pin.integrate(self.model, pin.neutral(self.model), turned)
-        return PinocchioConfiguration(self.model, q, self.dofs, self.drives, self.couplings)
+        return PinocchioConfiguration(
+            self.model, q, self.dofs, self.drives, self.couplings, self.held
+        )
 
 
 def _built(path: Path) -> Any:

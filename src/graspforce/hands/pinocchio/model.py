@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
 from graspforce.errors import MissingExtraError
+from graspforce.hands.configuration import stop_notes
 from graspforce.hands.limits import DriveLimit
+from graspforce.hands.stops import Stops, leaning, no_stops
 from graspforce.hands.transmission import Transmission, connected_dofs, transmission
 
 
@@ -46,13 +48,32 @@ def joint_drives(model: Any) -> list[JointDrive]:
         if int(model.nvs[joint]) != 1:
             continue
         dof = int(model.idx_vs[joint])
-        slides = str(model.joints[joint].shortname()).startswith("JointModelP")
+        slides = _slides(model, joint)
         low, high = float(model.lowerEffortLimit[dof]), float(model.upperEffortLimit[dof])
         limit = DriveLimit(
             str(model.names[joint]), "N" if slides else "N·m", low, high, float(not slides)
         )
         found.append(JointDrive(limit, dof))
     return found
+
+
+def joint_stops(model: Any, q: Array) -> Stops:
+    """Return the stops that joints of one degree of freedom lean on at q, shape (nq,)."""
+    joints = [
+        joint
+        for joint in range(1, model.njoints)
+        if int(model.nvs[joint]) == 1 and int(model.nqs[joint]) == 1
+    ]
+    at = [int(model.idx_qs[joint]) for joint in joints]
+    dofs = [int(model.idx_vs[joint]) for joint in joints]
+    ends = np.column_stack((model.lowerPositionLimit[at], model.upperPositionLimit[at]))
+    turns = [not _slides(model, joint) for joint in joints]
+    names = [str(model.names[joint]) for joint in joints]
+    return leaning(names, np.eye(model.nv)[dofs], q[at], ends, np.array(turns, dtype=bool))
+
+
+def _slides(model: Any, joint: int) -> bool:
+    return str(model.joints[joint].shortname()).startswith("JointModelP")
 
 
 def frames_of(model: Any) -> dict[str, int]:
@@ -97,20 +118,43 @@ class PinocchioConfiguration:
         dofs: NDArray[np.intp],
         drives: Sequence[JointDrive],
         couplings: Array,
+        held: Array,
+        leans: bool = True,
     ) -> None:
-        """Compute how the drives move the degrees of freedom, and where the frames are."""
+        """Compute how the drives move the degrees of freedom, and where the frames are.
+
+        Args:
+            model: the model.
+            q: its configuration, shape (nq,).
+            dofs: the degrees of freedom that count.
+            drives: the drives.
+            couplings: joint motions with ``couplings @ dq != 0`` are impossible, shape (p, nv).
+            held: further couplings: joints that are locked.
+            leans: whether joints at the ends of their ranges lean on stops.
+        """
         self._model, self._frames, self._dofs = model, frames_of(model), dofs
         self._data = model.createData()
+        self._rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
+        self._couplings, self._held, self._leans = couplings, held, leans
+        self._stops: Stops | None = None
         self.update(q)
-        rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
-        self.transmission: Transmission = transmission(rows[:, dofs], couplings[:, dofs])
 
     def update(self, q: Array) -> None:
-        """Compute where the frames are at the configuration q, shape (nq,)."""
-        pin = pinocchio_module()
+        """Compute where the frames are at the configuration q, shape (nq,), and what leans."""
+        pin, dofs = pinocchio_module(), self._dofs
         self._q = q
         pin.computeJointJacobians(self._model, self._data, q)
         pin.updateFramePlacements(self._model, self._data)
+        stops = no_stops(self._model.nv)
+        if self._leans:
+            stops = joint_stops(self._model, q)
+        stops = stops.on(dofs, self._held)
+        if self._stops is None or stops.names != self._stops.names:
+            self._stops = stops
+            self.transmission: Transmission = transmission(
+                self._rows[:, dofs], np.vstack((self._couplings, self._held))[:, dofs], stops.rows
+            )
+            self.notes = tuple(stop_notes(stops, self.transmission))
 
     @property
     def dof_names(self) -> tuple[str, ...]:
