@@ -6,10 +6,16 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from graspforce._util.arrays import Array, as_array, require_keywords
-from graspforce.contact import Contact, ContactModel, as_contacts, warn_of_slips
+from graspforce.contact import (
+    Contact,
+    ContactModel,
+    as_contacts,
+    contact_starts,
+    warn_of_slips,
+)
 from graspforce.errors import InvalidInputError
 from graspforce.grasp_map import map_about
 from graspforce.problem import ForceProblem, ProblemOptions
@@ -90,6 +96,8 @@ class Grasp:
         self.A: Array = np.zeros((0, self.W.shape[1]))
         self.b: Array = np.zeros(0)
         self.motions: Array | None = None
+        # Which contacts may squeeze without a motor, and by what to tell how hard they may.
+        self._squeezing: tuple[NDArray[np.bool_], Actuation] | None = None
         self.links: tuple[str, ...] = ()
         self.notes: tuple[str, ...] = ()
 
@@ -194,6 +202,20 @@ class Grasp:
         grasp._set_contacts(read.contacts, read.origin)
         grasp._set_actuation(read.actuation)
         grasp.links, grasp.notes, grasp.motions = read.links, read.notes, read.motions
+        if read.from_simulator and grasp.contacts:
+            from graspforce.hands.squeezing import CEILING, squeezing_contacts
+
+            squeezing = squeezing_contacts(
+                grasp.contacts, grasp.links, grasp.W, grasp.motions, read.actuation
+            )
+            if squeezing.any():
+                grasp._squeezing = (squeezing, read.actuation)
+                who = dict.fromkeys(np.array(grasp.links)[squeezing].tolist())
+                grasp.notes += (
+                    f"no motor limits how hard contacts of {', '.join(who)} squeeze: without c_max "
+                    f"their normal forces are kept below {CEILING:g} times what the motors reach "
+                    "and f needs",
+                )
         return grasp
 
     def problem(self, f: ArrayLike, **options: Unpack[ProblemOptions]) -> ForceProblem:
@@ -214,28 +236,51 @@ class Grasp:
         hand: ProblemOptions = {
             "J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi, "tau_bias": self.tau_bias,
         }  # fmt: skip
-        W, wanted, f_soft = self.W, as_array(f, "f", (6,)), options.get("f_soft")
+        wanted = as_array(f, "f", (6,))
+        A, b = self._further_limits(wanted, options)
+        W, wanted, soft = self._equations(wanted, options.get("f_soft"))
+        own: ProblemOptions = {"f_soft": soft, "A": A, "b": b}
+        return ForceProblem(W=W, f=wanted, models=self.models, **(hand | options | own))
+
+    def _equations(self, f: Array, f_soft: ArrayLike | None) -> tuple[Array, Array, Array | None]:
+        """Return W, f and f_soft of all that has to hold: the wrench, and the passive rows."""
+        W, motions = self.W, self.motions
         soft = None if f_soft is None else as_array(f_soft, "f_soft", (6,), broadcast=True)
-        if self.motions is not None:
-            motions = self.motions
+        if motions is not None:
             if soft is not None:
-                # The joints bear what costs nothing of a miss; left of ½ ‖(W c − f)/f_soft‖² is the
-                # same with motions.T @ diag(f_soft²) @ motions, here made diagonal.
+                # What the joints bear costs nothing. Of ½ ‖(W c − f)/f_soft‖² remains the same
+                # with motions.T @ diag(f_soft²) @ motions, whose axes take the motions' place.
                 squares, axes = np.linalg.eigh((motions.T * soft**2) @ motions)
                 motions, soft = motions @ axes, np.sqrt(squares.clip(0.0))
-            W, wanted = motions.T @ W, motions.T @ wanted
+            W, f = motions.T @ W, motions.T @ f
         if soft is not None:
-            options["f_soft"] = np.append(soft, np.zeros(len(self.passive_loads)))
-        if len(self.passive_rows):
-            W = np.vstack((W, self.passive_rows))
-            wanted = np.concatenate((wanted, self.passive_loads))
-        if len(self.A):
-            further = [options.get(name) for name in ("A", "b")]
-            given = [np.zeros(0)] if further[1] is None else [np.atleast_1d(further[1])]
-            options["b"] = np.concatenate((*given, self.b))
-            given = [] if further[0] is None else [np.atleast_2d(further[0])]
-            options["A"] = np.vstack((*given, self.A))
-        return ForceProblem(W=W, f=wanted, models=self.models, **(hand | options))
+            soft = np.append(soft, np.zeros(len(self.passive_loads)))
+        return (
+            np.vstack((W, self.passive_rows)), np.append(f, self.passive_loads), soft
+        )  # fmt: skip
+
+    def _further_limits(
+        self, f: Array, options: ProblemOptions
+    ) -> tuple[ArrayLike | None, ArrayLike | None]:
+        """Return A and b: the user's, the stops', and ceilings of contacts that squeeze freely."""
+        A, b = self.A, self.b
+        if self._squeezing is not None and options.get("c_max") is None:
+            from graspforce.hands.squeezing import ceiling
+
+            squeezing, actuation = self._squeezing
+            most = ceiling(self.contacts, self.origin, f, actuation)
+            normals = np.eye(self.W.shape[1])[contact_starts(self.models)[:-1]]
+            if most > 0:
+                A = np.vstack((A, normals[squeezing]))
+                b = np.append(b, np.full(int(squeezing.sum()), most))
+        user_A, user_b = options.get("A"), options.get("b")
+        if user_A is None and user_b is None:
+            return (A, b) if len(A) else (None, None)
+        if user_A is None or user_b is None:
+            return user_A, user_b  # which ForceProblem refuses
+        more = as_array(user_A, "A", ("p", self.W.shape[1]), finite=False)
+        limits = as_array(user_b, "b", (len(more),), finite=False)
+        return np.vstack((more, A)), np.append(limits, b)
 
     def __repr__(self) -> str:
         joints = 0 if self.J is None else self.J.shape[1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -42,24 +42,39 @@ def no_stops(n_dofs: int) -> Stops:
     return Stops(np.zeros((0, n_dofs)), ())
 
 
-def leaning(
-    names: Sequence[str],
-    rows: Array,
-    positions: Array,
-    ranges: Array,
-    turns: NDArray[np.bool_],
-) -> Stops:
-    """Return the stops at which joints or tendons are.
+class Ends(NamedTuple):
+    """The ends of the ranges of n joints or tendons, as far as they can lean there."""
+
+    low: Array
+    """At or below this they are at the lower stop, shape (n,)."""
+    high: Array
+
+    def leaning(
+        self, positions: Array, rows: Callable[[], Array], name: Callable[[int], str]
+    ) -> Stops | None:
+        """Return the stops that are leant on; None for none.
+
+        Args:
+            positions: where each is, shape (n,) [rad, m].
+            rows: returns the motion of each per joint motion, shape (n, n_dofs).
+            name: returns the name of one by its place.
+        """
+        low, high = positions <= self.low, positions >= self.high
+        if not (low.any() or high.any()):
+            return None
+        which = np.concatenate((np.flatnonzero(low), np.flatnonzero(high)))
+        moved = rows()
+        return Stops(
+            np.vstack((moved[low], -moved[high])), tuple(name(each) for each in which.tolist())
+        )
+
+
+def ends(ranges: Array, turns: NDArray[np.bool_]) -> Ends:
+    """Return the ends of ranges.
 
     Args:
-        names: theirs, n of them.
-        rows: motion of each per joint motion, shape (n, n_dofs).
-        positions: where each is, shape (n,) [rad, m].
-        ranges: the ends of its range, shape (n, 2); infinite where there is none.
-        turns: which are turns, shape (n,).
+        ranges: lower and upper, shape (n, 2) [rad, m]; infinite where there is none.
+        turns: which are turns, shape (n,); the others are slides or tendons.
     """
     near = np.where(turns, _NEAR_TURN, _NEAR_SLIDE)
-    low = positions <= ranges[:, 0] + near
-    high = positions >= ranges[:, 1] - near
-    which = np.concatenate((np.flatnonzero(low), np.flatnonzero(high)))
-    return Stops(np.vstack((rows[low], -rows[high])), tuple(str(names[int(i)]) for i in which))
+    return Ends(ranges[:, 0] + near, ranges[:, 1] - near)

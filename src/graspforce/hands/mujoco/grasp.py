@@ -229,7 +229,7 @@ class MujocoGrasp:
             )
         contacts = self._reader.read(data, moments)
         acting = self._acting[contacts.bodies].sum(axis=1)
-        coupled = np.vstack((rows_of(tied, self._turns), self._held))
+        coupled = np.vstack((rows_of(tied, self._turns), self._held)) if tied else self._held
         stops = self._stops.read(data)
         hand = self._hand_of(np.any(acting != 0, axis=0), moments, coupled, stops)
         origin = np.array(data.subtree_com[self._top])

@@ -18,7 +18,7 @@ from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportE
 from graspforce.hands.configuration import as_names, stop_notes
 from graspforce.hands.limits import DriveLimit, as_tau_max
 from graspforce.hands.loops import Coupling, rows_of
-from graspforce.hands.stops import Stops, leaning, no_stops
+from graspforce.hands.stops import Stops, ends, no_stops
 from graspforce.hands.transmission import Transmission, transmission
 
 
@@ -301,36 +301,41 @@ class StopReader:
         mj = mujoco_module()
         hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
         simple = (model.jnt_type == hinge) | (model.jnt_type == slide)
-        self._model = model
+        self._model, self._none = model, no_stops(model.nv)
+        self._off = int(mj.mjtDisableBit.mjDSBL_LIMIT)
         self._joints = np.flatnonzero(simple & (model.jnt_limited != 0))
         self._tendons = np.flatnonzero(model.tendon_limited != 0)
-        self._names = (
-            *(name_of(model, mj.mjtObj.mjOBJ_JOINT, each) for each in self._joints.tolist()),
-            *(name_of(model, mj.mjtObj.mjOBJ_TENDON, each) for each in self._tendons.tolist()),
-        )
-        self._turns = np.append(
-            model.jnt_type[self._joints] == hinge, np.zeros(len(self._tendons), dtype=bool)
+        self._at = model.jnt_qposadr[self._joints]
+        self._ends = ends(
+            np.vstack((model.jnt_range[self._joints], model.tendon_range[self._tendons])),
+            np.append(model.jnt_type[self._joints] == hinge, np.zeros(len(self._tendons), bool)),
         )
 
     def read(self, data: Any) -> Stops:
         """Return the stops that are leant on at data's configuration."""
-        mj, model, joints, tendons = mujoco_module(), self._model, self._joints, self._tendons
-        off = int(model.opt.disableflags) & int(mj.mjtDisableBit.mjDSBL_LIMIT)
-        if off or not self._names:
-            return no_stops(model.nv)
-        moved = np.zeros((model.ntendon, model.nv))
-        if len(tendons):
-            mj.mju_sparse2dense(
+        if self._model.opt.disableflags & self._off:
+            return self._none
+        positions = data.qpos[self._at]
+        if len(self._tendons):
+            positions = np.append(positions, data.ten_length[self._tendons])
+        found = self._ends.leaning(positions, lambda: self._rows(data), self._name)
+        return self._none if found is None else found
+
+    def _rows(self, data: Any) -> Array:
+        model, moved = self._model, np.zeros((self._model.ntendon, self._model.nv))
+        if len(self._tendons):
+            mujoco_module().mju_sparse2dense(
                 moved, np.ravel(data.ten_J), model.ten_J_rownnz, model.ten_J_rowadr,
                 model.ten_J_colind,
             )  # fmt: skip
-        return leaning(
-            self._names,
-            np.vstack((np.eye(model.nv)[model.jnt_dofadr[joints]], moved[tendons])),
-            np.append(data.qpos[model.jnt_qposadr[joints]], data.ten_length[tendons]),
-            np.vstack((model.jnt_range[joints], model.tendon_range[tendons])),
-            self._turns,
-        )
+        of_joints = np.eye(model.nv)[model.jnt_dofadr[self._joints]]
+        return np.vstack((of_joints, moved[self._tendons]))
+
+    def _name(self, place: int) -> str:
+        kinds, joints = mujoco_module().mjtObj, len(self._joints)
+        if place < joints:
+            return name_of(self._model, kinds.mjOBJ_JOINT, int(self._joints[place]))
+        return name_of(self._model, kinds.mjOBJ_TENDON, int(self._tendons[place - joints]))
 
 
 def bias_forces(model: Any, data: Any) -> Array:

@@ -16,7 +16,7 @@ from graspforce._util.arrays import Array
 from graspforce.errors import MissingExtraError
 from graspforce.hands.configuration import stop_notes
 from graspforce.hands.limits import DriveLimit
-from graspforce.hands.stops import Stops, leaning, no_stops
+from graspforce.hands.stops import Stops, ends, no_stops
 from graspforce.hands.transmission import Transmission, connected_dofs, transmission
 
 
@@ -66,10 +66,12 @@ def joint_stops(model: Any, q: Array) -> Stops:
     ]
     at = [int(model.idx_qs[joint]) for joint in joints]
     dofs = [int(model.idx_vs[joint]) for joint in joints]
-    ends = np.column_stack((model.lowerPositionLimit[at], model.upperPositionLimit[at]))
-    turns = [not _slides(model, joint) for joint in joints]
-    names = [str(model.names[joint]) for joint in joints]
-    return leaning(names, np.eye(model.nv)[dofs], q[at], ends, np.array(turns, dtype=bool))
+    ranges = np.column_stack((model.lowerPositionLimit[at], model.upperPositionLimit[at]))
+    turns = np.array([not _slides(model, joint) for joint in joints], dtype=bool)
+    found = ends(ranges, turns).leaning(
+        q[at], lambda: np.eye(model.nv)[dofs], lambda place: str(model.names[joints[place]])
+    )
+    return no_stops(model.nv) if found is None else found
 
 
 def _slides(model: Any, joint: int) -> bool:
