@@ -144,7 +144,9 @@ def test_a_real_hand_joints_by_name():
         doubted = from_urdf(path, tips)
     assert doubted.tau_hi.tolist() == [15] * 16
     hand = from_urdf(path, tips, tau_max=0.7)
-    assert hand.notes == ()
+    (note,) = hand.notes
+    assert note.startswith("friction in the joints helps to hold and is not counted")
+    assert "joint_0.0 (up to 10)" in note
     assert hand.tau_lo.tolist() == [-0.7] * 16
     numbers = {"index": range(4), "middle": range(4, 8), "ring": range(8, 12),
                "thumb": range(12, 16)}  # fmt: skip

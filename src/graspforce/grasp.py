@@ -205,9 +205,8 @@ class Grasp:
         if read.from_simulator and grasp.contacts:
             from graspforce.hands.squeezing import CEILING, squeezing_contacts
 
-            squeezing = squeezing_contacts(
-                grasp.contacts, grasp.links, grasp.W, grasp.motions, read.actuation
-            )
+            W, _, _ = grasp._equations(np.zeros(6), None)
+            squeezing = squeezing_contacts(grasp.contacts, W, read.actuation)
             if squeezing.any():
                 grasp._squeezing = (squeezing, read.actuation)
                 who = dict.fromkeys(np.array(grasp.links)[squeezing].tolist())

@@ -1,14 +1,19 @@
 """Contacts that can squeeze an object although no motor limits it.
 
 Two contacts of one body, or of a table and a wall, can press against each other through the object
-with any force: nothing gives way. Among contacts as a simulator reports them that is an accident of
-the geometry, and a ceiling far above what the grasp is about keeps it from deciding anything.
+with any force: nothing gives way. So can links that lean on stops. Among contacts as a simulator
+reports them that is an accident of the geometry, and a ceiling far above what the grasp is about
+keeps it from deciding anything.
+
+Such forces c make W c = 0 and J.T c = 0, do no work on passive motions and push off no stop:
+all of that is rows @ c = 0. Whether any forces inside the friction cones do, Wolfe's algorithm
+tells ("Finding the nearest point in a polytope", Mathematical Programming 11, 1976): it finds the
+point nearest to 0 among rows @ c for the c whose normal forces sum to 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,53 +25,95 @@ from graspforce.hands.transmission import null_space
 
 # The ceiling, in multiples of what the motors reach and f needs.
 CEILING = 10.0
+# What rows @ c may be for normal forces that sum to 1: forces a thousand times as large as what they
+# bring about are no grip that anyone asks for.
+_NOTHING = 1e-3
 
 
 def squeezing_contacts(
-    contacts: Sequence[Contact],
-    links: Sequence[str],
-    W: Array,
-    motions: Array | None,
-    actuation: Actuation,
+    contacts: Sequence[Contact], W: Array, actuation: Actuation
 ) -> NDArray[np.bool_]:
-    """Return which contacts may squeeze the object by themselves, shape (n,).
-
-    Contacts of one body can when they make forces that cancel. They cannot when all their friction
-    cones lie on one side of a plane, or where W tells their forces apart. A joint that carries the
-    object bears what it has to, so there it takes forces that do work on nothing.
+    """Return which contacts may squeeze the object without a motor, shape (n,).
 
     Args:
         contacts: n contacts.
-        links: the body that makes each.
-        W: grasp map, shape (6, m).
-        motions: the object's motions, shape (6, k); None where it moves freely.
+        W: of the force problem: passive motions' rows are in it, shape (k, m).
         actuation: of the hand.
     """
-    starts = contact_starts([each.model for each in contacts])
-    columns = [slice(*pair) for pair in pairwise(starts)]
-    rows = np.vstack((actuation.J.T, actuation.passive_rows))
     found = np.zeros(len(contacts), dtype=bool)
-    if motions is not None:
-        basis = null_space(np.vstack((motions.T @ W, rows)))
-        return np.array([np.abs(basis[each]).max(initial=0.0) > 1e-9 for each in columns])
-    bodies = [
-        link if rows[:, each].any() else None for link, each in zip(links, columns, strict=True)
-    ]  # None: all that does not move
-    for body in dict.fromkeys(bodies):
-        members = [i for i, each in enumerate(bodies) if each == body]
-        map_ = np.hstack([W[:, columns[i]] for i in members])
-        if np.linalg.matrix_rank(map_) == map_.shape[1]:
-            continue
-        normals = np.array([contacts[i].normal for i in members])
-        frictions = np.array([_friction(contacts[i]) for i in members])
-        middle = normals.sum(axis=0)
-        inside = normals @ middle > np.linalg.norm(middle) * np.sin(np.arctan(frictions)) + 1e-9
-        found[members] = not inside.all()
+    equal = np.vstack((W, actuation.J.T))
+    if not null_space(equal).any():
+        return found
+    # A stop takes what pushes into it: A c + s = 0 with s of 0 or more.
+    stops = len(actuation.b)
+    rows = np.block([[equal, np.zeros((len(equal), stops))], [actuation.A, np.eye(stops)]])
+    sizes = np.abs(rows[:, : W.shape[1]]).max(axis=1)  # forces, torques and work on one scale
+    counted = sizes > 1e-9 * sizes.max()
+    rows = rows[counted] / sizes[counted, None]
+    while not found.all():
+        shares = _cancelling(rows, contacts, ~found)
+        if not shares.any():
+            break
+        found |= shares
     return found
 
 
-def _friction(contact: Contact) -> float:
-    return contact.model.mu if contact.model.dim > 1 else 0.0
+def _cancelling(
+    rows: Array, contacts: Sequence[Contact], usable: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which contacts make some forces with ``rows @ c = 0``, shape (n,); none if none can.
+
+    Args:
+        rows: shape (d, m + s), for c and s numbers of 0 or more.
+        contacts: n contacts.
+        usable: which of them may.
+    """
+    n, dims = len(contacts), np.array([each.model.dim for each in contacts])
+    own = np.arange(4) < dims[:, None]
+    m = int(dims.sum())
+    normals = (np.cumsum(dims) - dims)[:, None] == np.arange(m)
+    scale = np.ones((n, 4))
+    scale[own] = np.concatenate([each.model.cone_scaling for each in contacts])
+    corners, images, weights = np.zeros((rows.shape[1], 0)), np.zeros((len(rows), 0)), np.zeros(0)
+    nearest = np.zeros(len(rows))
+    for _ in range(300):
+        slope = rows.T @ nearest
+        each = np.zeros((n, 4))
+        each[own] = slope[:m]
+        across = each[:, 1:] / scale[:, 1:]
+        length = np.linalg.norm(across, axis=1)
+        lowest = np.where(usable, each[:, 0] - scale[:, 0] * length, np.inf)
+        best = int(np.argmin(np.append(lowest, slope[m:])))
+        corner = np.zeros(len(slope))
+        if best < n:  # a force on the cone's edge
+            force = np.append(1.0, -scale[best, 0] * across[best] / scale[best, 1:])
+            force[1:] /= length[best] or 1.0
+            corner[:m] = np.where(np.arange(n)[:, None] == best, force, 0.0)[own]
+        else:
+            corner[m + best - n] = 1.0
+        image = rows @ corner
+        # All that is inside the cones is on one side of 0.
+        if nearest @ image > _NOTHING * np.linalg.norm(nearest):
+            return np.zeros(n, dtype=bool)
+        corners, images = np.column_stack((corners, corner)), np.column_stack((images, image))
+        weights = np.append(weights, 0.0 if len(weights) else 1.0)
+        while True:  # to the nearest point of the flat through the corners, if it is among them
+            toward = np.linalg.lstsq(images.T @ images + 1.0, np.ones(len(weights)), rcond=None)[0]
+            toward /= toward.sum()
+            falling = toward < 0
+            if not falling.any():
+                weights = toward
+                break
+            step = (weights[falling] / (weights[falling] - toward[falling])).min()
+            weights = weights + step * (toward - weights)
+            kept = weights > 1e-14
+            corners, images = corners[:, kept], images[:, kept]
+            weights = weights[kept] / weights[kept].sum()
+        nearest = images @ weights
+        if np.linalg.norm(nearest) < _NOTHING:
+            break
+    shares: NDArray[np.bool_] = normals @ (corners @ weights)[:m] > 1e-9
+    return shares
 
 
 def ceiling(contacts: Sequence[Contact], origin: Array, f: Array, actuation: Actuation) -> float:
@@ -83,6 +130,7 @@ def ceiling(contacts: Sequence[Contact], origin: Array, f: Array, actuation: Act
     ranges = np.broadcast_to(actuation.tau_hi - actuation.tau_lo, arms.shape)
     reach = np.divide(ranges, arms, out=np.full(arms.shape, np.inf), where=arms > 0)
     most = reach.min(axis=1, initial=np.inf)
+    known = most[np.isfinite(most)]
     distance = np.mean([np.linalg.norm(each.point - origin) for each in contacts])
     force = np.linalg.norm(f[:3]) + np.linalg.norm(f[3:]) / max(float(distance), 1e-3)
-    return CEILING * float(most[np.isfinite(most)].max(initial=0.0) + force)
+    return CEILING * float((np.median(known) if known.size else 0.0) + force)
