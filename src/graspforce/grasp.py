@@ -104,10 +104,28 @@ class Grasp:
     def _set_actuation(self, actuation: Actuation) -> None:
         (
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads, self.A, self.b, self.notes,
+            self.passive_rows, self.passive_loads, self.A, self.b, _, self.notes,
         ) = actuation  # fmt: skip
+        if actuation.stopped.any():
+            self._open_limits(actuation)
         if not self.joint_names:  # what touches has no motors, as mocap bodies
             self.J = self.tau_lo = self.tau_hi = self.tau_bias = None
+
+    def _open_limits(self, actuation: Actuation) -> None:
+        """Let the stops of joints with motors bear what goes beyond the motors' limits."""
+        from graspforce.hands.squeezing import OPEN, bearing_stops
+
+        W, _, _ = self._equations(np.zeros(6), None)
+        sides = bearing_stops(self.contacts, W, actuation)
+        more = OPEN * (actuation.tau_hi - actuation.tau_lo)
+        self.tau_lo = actuation.tau_lo - more * (sides < 0)
+        self.tau_hi = actuation.tau_hi + more * (sides > 0)
+        closed = (actuation.stopped != 0) & (sides == 0)
+        if closed.any():
+            names = ", ".join(np.array(actuation.joint_names)[closed].tolist())
+            self.notes += (
+                f"the motors' limits hold at the stops of {names}: nothing else limits the grip",
+            )
 
     @classmethod
     def from_mujoco(
@@ -200,8 +218,9 @@ class Grasp:
     def _imported(cls, read: ImportedGrasp) -> Grasp:
         grasp = cls.__new__(cls)
         grasp._set_contacts(read.contacts, read.origin)
+        grasp.motions = read.motions
         grasp._set_actuation(read.actuation)
-        grasp.links, grasp.notes, grasp.motions = read.links, read.notes, read.motions
+        grasp.links, grasp.notes = read.links, (*read.notes, *grasp.notes)
         if read.from_simulator and grasp.contacts:
             from graspforce.hands.squeezing import CEILING, squeezing_contacts
 

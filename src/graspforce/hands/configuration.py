@@ -93,10 +93,13 @@ class Motors(NamedTuple, Generic[D]):
         driven, loaded = transmission.driven, loaded_motions(full, transmission.free)
         pushing = (full @ transmission.stopped).T
         touched = pushing.any(axis=1)  # a stop that no contact loads is nobody's concern
+        stopped = np.zeros(len(self.joint_names))
+        for _, drive, side in transmission.beside:
+            stopped[drive] = side
         return Actuation(
             self.joint_names, full @ driven, self.tau_lo, self.tau_hi, driven.T @ bias,
             (full @ loaded).T, -loaded.T @ bias,
-            -pushing[touched], (transmission.stopped.T @ bias)[touched], notes,
+            -pushing[touched], (transmission.stopped.T @ bias)[touched], stopped, notes,
         )  # fmt: skip
 
 
@@ -165,18 +168,16 @@ def lock_notes(locked: Sequence[str]) -> list[str]:
 
 def stop_notes(stops: Stops, transmission: Transmission) -> list[str]:
     """Say which joints lean on their stops, a sentence for those of each kind."""
-    bearing = [stops.names[i] for i in transmission.bearing]
-    beside = [name for i, name in enumerate(stops.names) if i not in transmission.bearing]
-    notes: list[str] = []
-    if bearing:
-        notes.append(
-            f"at a stop, which can push off what no motor moves, and not pull: {', '.join(bearing)}"
-        )
-    if beside:
-        notes.append(
-            f"at a stop, and what it bears beside the motors is not counted: {', '.join(beside)}"
-        )
-    return notes
+    kinds: dict[str, list[str]] = {}
+    beside = {stop for stop, _, _ in transmission.beside}
+    for i, name in enumerate(stops.names):
+        kind = "and what it bears beside the motors is not counted"
+        if i in transmission.bearing:
+            kind = "which can push off what no motor moves, and not pull"
+        elif i in beside:
+            kind = "which bears what goes beyond the motor's limit there"
+        kinds.setdefault(kind, []).append(name)
+    return [f"at a stop, {kind}: {', '.join(names)}" for kind, names in kinds.items()]
 
 
 def friction_notes(names: Sequence[str], sizes: Array) -> list[str]:

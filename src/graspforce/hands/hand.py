@@ -95,6 +95,8 @@ class Actuation(NamedTuple):
     """Further limits ``A c ≤ b`` of the hand, shape (p, m): stops that joints lean on only push."""
     b: Array
     """shape (p,)."""
+    stopped: Array
+    """Which limits stops open, shape (n_joints,): 1 for tau_hi, −1 for tau_lo, 0 for none."""
     notes: tuple[str, ...]
     """What a user should know of the posture, a sentence each."""
 
@@ -177,5 +179,6 @@ def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuatio
     else:
         bias, loads = np.zeros(len(joints)), np.zeros(len(passive))
     return Actuation(
-        joints, J, tau_lo, tau_hi, bias, passive, loads, np.zeros((0, m)), np.zeros(0), ()
-    )
+        joints, J, tau_lo, tau_hi, bias, passive, loads, np.zeros((0, m)), np.zeros(0),
+        np.zeros(len(joints)), (),
+    )  # fmt: skip

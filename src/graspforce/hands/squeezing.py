@@ -25,8 +25,10 @@ from graspforce.hands.transmission import null_space
 
 # The ceiling, in multiples of what the motors reach and f needs.
 CEILING = 10.0
-# What rows @ c may be for normal forces that sum to 1: forces a thousand times as large as what they
-# bring about are no grip that anyone asks for.
+# How far a stop opens the limit of a motor, in multiples of the motor's range.
+OPEN = 100.0
+# What rows @ c may be for normal forces that sum to 1: forces a thousand times as large as what
+# they bring about are no grip that anyone asks for.
 _NOTHING = 1e-3
 
 
@@ -56,6 +58,36 @@ def squeezing_contacts(
             break
         found |= shares
     return found
+
+
+def bearing_stops(contacts: Sequence[Contact], W: Array, actuation: Actuation) -> Array:
+    """Return which torque limits stops open, shape (n_joints,): 1 for tau_hi, −1 for tau_lo.
+
+    A stop bears what others press into it. It presses on nothing by itself, so where a limit that
+    it opens would leave nothing to limit a squeeze, the motor's limit stays.
+
+    Args:
+        contacts: n contacts.
+        W: of the force problem: passive motions' rows are in it, shape (k, m).
+        actuation: of the hand.
+    """
+    sides = np.array(actuation.stopped)
+    while sides.any():
+        opened = sides != 0
+        one_sided = -(actuation.J[:, opened] * sides[opened]).T
+        without = actuation._replace(
+            J=actuation.J[:, ~opened],
+            A=np.vstack((actuation.A, one_sided)),
+            b=np.append(actuation.b, np.zeros(len(one_sided))),
+        )
+        starts = contact_starts([each.model for each in contacts])
+        dims = np.diff(starts)
+        squeezing = np.repeat(squeezing_contacts(contacts, W, without), dims)
+        closed = opened & actuation.J[squeezing].any(axis=0)
+        if not closed.any():
+            break
+        sides[closed] = 0.0
+    return sides
 
 
 def _cancelling(

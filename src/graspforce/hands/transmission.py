@@ -12,8 +12,8 @@ forces whose joint torques would be Q = J_full.T @ c on a robot with a motor at 
 
 A joint that leans on a stop takes part as if the stop were a drive that only pushes: a motion off
 the stop, ``stops @ dq``, is one more dl, whose force has to be 0 or more. That holds for stops that
-bear what no drive does. One that acts on nothing but what drives move is left out: what it bears
-beside a motor depends on how the hand came there, and cannot be asked for.
+bear what no drive does. One that acts on what one drive moves opens the drive's limit to its side.
+Any other is left out, which asks for less than the hand could bear.
 """
 
 from __future__ import annotations
@@ -40,6 +40,10 @@ class Transmission(NamedTuple):
     """Joint motion per motion off each stop that bears what no drive does, shape (n_dofs, s)."""
     bearing: tuple[int, ...]
     """Which of the stops these are."""
+    beside: tuple[tuple[int, int, int], ...]
+    """Stops that bear what one drive does: stop, drive, and 1 where it adds to the drive's torque,
+    −1 where it takes from it.
+    """
 
 
 def transmission(drives: Array, couplings: Array, stops: Array | None = None) -> Transmission:
@@ -58,11 +62,18 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
     off = np.zeros((0, allowed.shape[1])) if stops is None else stops @ allowed
     bearing = _independent(off, moved)
     either = np.vstack((moved, off[list(bearing)]))
-    motions = _rounded(allowed @ np.linalg.pinv(either, rcond=RANK_TOLERANCE))
-    count = len(drives)
+    inverse = np.linalg.pinv(either, rcond=RANK_TOLERANCE)
+    motions, count = _rounded(allowed @ inverse), len(drives)
+    beside: list[tuple[int, int, int]] = []
+    for i in range(len(off)):
+        shares = _rounded(off[i] @ inverse)
+        drive = int(np.argmax(np.abs(shares))) if shares.any() else count
+        if i not in bearing and np.count_nonzero(shares) == 1 and drive < count:
+            beside.append((i, drive, int(np.sign(shares[drive]))))
     return Transmission(
-        motions[:, :count], _rounded(allowed @ null_space(either)), motions[:, count:], bearing
-    )
+        motions[:, :count], _rounded(allowed @ null_space(either)), motions[:, count:], bearing,
+        tuple(beside),
+    )  # fmt: skip
 
 
 def connected_dofs(moving: NDArray[np.bool_], rows: Array) -> NDArray[np.intp]:

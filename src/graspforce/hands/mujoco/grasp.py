@@ -246,7 +246,7 @@ class MujocoGrasp:
         self.W = np.ascontiguousarray(wrenches.T)
         (
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads, self.A, self.b, _,
+            self.passive_rows, self.passive_loads, self.A, self.b, *_,
         ) = actuation  # fmt: skip
 
     @property

@@ -190,7 +190,7 @@ class PinocchioGrasp:
         self.actuation = self._motors.actuation(self._configuration.transmission, full, bias)
         (
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads, self.A, self.b, _,
+            self.passive_rows, self.passive_loads, self.A, self.b, *_,
         ) = self.actuation  # fmt: skip
 
     @property
