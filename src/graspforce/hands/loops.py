@@ -142,7 +142,7 @@ def closed(
             f"q: leaves {what}, and its joints can close it to {1000 * left.metres:.3g} mm at "
             "best; expected angles at which it closes"
         )
-    if gap.share < WORTH_SAYING:
+    if gap.share - left.share < WORTH_SAYING:
         return posture, []
     changes = ", ".join(
         f"{name} by {change:.3g}"
