@@ -29,7 +29,8 @@ LINKAGES = {
       <site name="one" pos=".01 0 .03"/></body>
       <body name="guide" pos=".06 0 0"><joint name="guide" axis="{e} 1 0"/><geom size=".004"/>
         <body name="tip" pos="-.05 0 .03"><joint name="tip" type="slide" axis="-.857 {e} .515"/>
-          <geom size=".004"/><site name="other"/><site name="pad" pos="-.01 0 .02"/></body></body>""",
+          <geom size=".004"/><site name="other"/><site name="pad" pos="-.01 0 .02"/>
+        </body></body>""",
 }
 
 
@@ -39,7 +40,8 @@ def linkage(kind, *, on_arm=False, tilt=0.0):
     driven = (*(("arm1", "arm2", "arm3") if on_arm else ()), "crank")
     motors = "".join(f'<motor joint="{each}" ctrlrange="-5 5"/>' for each in driven)
     return mujoco.MjModel.from_xml_string(
-        f"""<mujoco><compiler angle="radian" autolimits="true"/><default><geom mass=".02"/></default>
+        f"""<mujoco><compiler angle="radian" autolimits="true"/>
+        <default><geom mass=".02"/></default>
         <worldbody>{world}</worldbody><equality><connect site1="one" site2="other"/></equality>
         <actuator>{motors}</actuator></mujoco>"""
     )
@@ -142,7 +144,9 @@ def test_a_posture_that_cannot_be_closed_is_refused_with_its_gap():
       <actuator><motor joint="crank" ctrlrange="-5 5"/></actuator></mujoco>"""
     hand = from_mjcf(mujoco.MjModel.from_xml_string(text), ["tip"])
     # The links reach 0.05 + 0.02 + 0.05 m of the 0.2 m between their joints.
-    with pytest.raises(gf.InvalidInputError, match=r"tip and rocker open by 180 mm, .* to 8[0-9.]+ mm at"):
+    with pytest.raises(
+        gf.InvalidInputError, match=r"tip and rocker open by 180 mm, .* to 8[0-9.]+ mm at"
+    ):
         hand.tau_bias([0.0, 0.0, 0.0])
 
 
@@ -154,7 +158,7 @@ def test_measured_angles_choose_how_the_linkage_is_assembled():
     other, _ = closed(model, [0.4, -2.0, -2.0])
     assert np.abs(one - other).max() > 0.5
     for q in (one, other):
-        tip = hand.fingertip_positions(q + [0, 0.02, -0.02])[0]
+        tip = hand.fingertip_positions(q + np.array([0, 0.02, -0.02]))[0]
         np.testing.assert_allclose(tip, gap_and_tip(model, q)[1], atol=1e-9)
 
 
@@ -177,7 +181,9 @@ def test_two_fingers_of_one_motor():
     hand = from_mjcf(mujoco.MjModel.from_xml_string(text), ["tipa", "tipb"])
     q = [0.35 if name == "drva" else 0.0 for name in hand.q_names]
     tips = hand.fingertip_positions(q)
-    contacts = [gf.Contact(tip, (s, 0, 0), gf.PCWF(0.5)) for tip, s in zip(tips, (1, -1), strict=True)]  # fmt: skip
+    contacts = [
+        gf.Contact(tip, (side, 0, 0), gf.PCWF(0.5)) for tip, side in zip(tips, (1, -1), strict=True)
+    ]
     J = gf.Grasp(contacts, hand, q).J
     # A parallelogram's coupler does not turn: the tip moves as the end of the crank.
     np.testing.assert_allclose(J[[0, 3], 0], 0.04 * np.cos(0.35), atol=1e-9)
