@@ -142,7 +142,8 @@ def test_a_lid_that_floats_with_its_box_says_whom_to_hold():
 
 # ---- what moves on the object ------------------------------------------------------------------
 
-BOX = """<geom name="table" type="plane" size="1 1 .1"/><body name="box" pos="0 0 .0499"><freejoint/>
+BOX = """<geom name="table" type="plane" size="1 1 .1"/>
+  <body name="box" pos="0 0 .0499"><freejoint/>
   <geom type="box" size=".05 .05 .04" pos="0 0 -.01" mass=".5"/>
   <body name="lid" pos="-.05 0 .04"><joint name="hinge" axis="0 -1 0" range="{range}"/>
     <geom type="box" pos=".05 0 .006" size=".05 .05 .004" mass=".1"/></body></body>"""

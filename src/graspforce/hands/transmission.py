@@ -60,7 +60,7 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
     allowed = null_space(couplings)
     moved = drives @ allowed
     off = np.zeros((0, allowed.shape[1])) if stops is None else stops @ allowed
-    bearing = _independent(off, moved)
+    bearing = _bearing(off, moved)
     either = np.vstack((moved, off[list(bearing)]))
     inverse = np.linalg.pinv(either, rcond=RANK_TOLERANCE)
     motions, count = _rounded(allowed @ inverse), len(drives)
@@ -85,7 +85,7 @@ def connected_dofs(moving: NDArray[np.bool_], rows: Array) -> NDArray[np.intp]:
         moving = wider
 
 
-def _independent(rows: Array, of: Array) -> tuple[int, ...]:
+def _bearing(rows: Array, of: Array) -> tuple[int, ...]:
     """Return which rows are independent of the rows ``of`` and of those chosen before them."""
     chosen: list[int] = []
     left = null_space(of) if len(rows) else of
