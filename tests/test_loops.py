@@ -150,6 +150,29 @@ def test_a_posture_that_cannot_be_closed_is_refused_with_its_gap():
         hand.tau_bias([0.0, 0.0, 0.0])
 
 
+def test_a_motors_angle_at_which_the_linkage_cannot_be_is_refused():
+    """A rod that is too short for the crank to stand up: 0.05 m, of 0.085 m."""
+    model = linkage("slider-crank")
+    model.body("rod").pos[:] = [0.06, 0, 0.06]
+    hand = from_mjcf(model, ["pad"])
+    hand.tau_bias([0.5, 0.3, 0.0])
+    with pytest.raises(gf.InvalidInputError, match=r"closes at crank = .* and not at -0\.4"):
+        hand.tau_bias([-0.4, 0.4, 0.0])
+
+
+def test_a_floating_base_is_no_part_of_its_loops():
+    """A linkage on a mount that floats: its soft loop has nothing to do with the mount."""
+    inner = LINKAGES["four-bar"].replace("{e}", "1e-4")
+    text = f"""<mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+      <body pos=".1 .2 .3" euler=".2 .3 .4"><freejoint/><geom size=".02"/>{inner}</body></worldbody>
+      <equality><connect site1="one" site2="other"/></equality>
+      <actuator><motor joint="crank" ctrlrange="-5 5"/></actuator></mujoco>"""
+    hand = from_mjcf(mujoco.MjModel.from_xml_string(text), ["pad"])
+    assert hand.q_names == ("crank", "tip", "rocker")
+    assert len(hand.notes) == 1
+    assert "'crank' also moves 'tip' by" in hand.notes[0]
+
+
 def test_measured_angles_choose_how_the_linkage_is_assembled():
     """A four-bar has two closed postures; measured angles that are a little off say which."""
     model = linkage("four-bar")

@@ -35,6 +35,7 @@ WORTH_SAYING = 1e-4
 CLOSED = 1e-2
 HOPELESS = 0.1
 _LARGEST_TURN = 0.2  # of a joint in one step of closing a loop [rad]; of a slide, of the size
+_MOST_OF_MOTORS = 0.05  # how far joints with motors may be off [rad, m]
 
 
 class Coupling(NamedTuple):
@@ -73,8 +74,10 @@ def rows_of(couplings: Sequence[Coupling], turns: Mask) -> Array:
             continue
         scale = _lengths(group, turns)
         even = np.vstack([_even(each, scale)[0] for each in group])
-        _, sizes, right = np.linalg.svd(even, full_matrices=False)
-        kept = right[sizes > PLAY * sizes[0]] * scale
+        own = even.any(axis=0)  # rounding would tie other joints to the loop
+        _, sizes, right = np.linalg.svd(even[:, own], full_matrices=False)
+        kept = np.zeros((int((sizes > PLAY * sizes[0]).sum()), len(turns)))
+        kept[:, own] = right[: len(kept)] * scale[own]
         rows.append(kept / np.linalg.norm(kept, axis=1, keepdims=True))
     return np.vstack(rows)
 
@@ -97,15 +100,16 @@ def closed(
     read: Callable[[Array], Sequence[Coupling]],
     turns: Mask,
     driven: Mask,
+    known: Mask,
     locked: Mask,
     names: Sequence[str],
 ) -> tuple[Array, list[str]]:
     """Return the posture with closed loops that q stands for, and a note where it is not q.
 
-    What a user knows best are the motors' joints, so the others are moved first. Where q has these
-    as the file has them, it most likely knows nothing of them: they are followed from the file's
-    posture on, which leads to the linkage as it is assembled. From afar Newton's steps may end at
-    another.
+    What a user knows best are the motors' joints, so the others are moved first, and a motor's own
+    joint a little at most. Where q has the others as the file has them, it most likely knows
+    nothing of them: they are followed from the file's posture on, which leads to the linkage as it
+    is assembled. From afar Newton's steps may end at another.
 
     Args:
         q: joint positions, shape (n_dofs,) [rad, m].
@@ -113,6 +117,7 @@ def closed(
         read: returns the couplings at joint positions.
         turns: which joints are turns, shape (n_dofs,).
         driven: which ones motors move.
+        known: which of them have a motor of their own.
         locked: which ones never move.
         names: the joints.
 
@@ -141,6 +146,11 @@ def closed(
         raise InvalidInputError(
             f"q: leaves {what}, and its joints can close it to {1000 * left.metres:.3g} mm at "
             "best; expected angles at which it closes"
+        )
+    for joint in np.flatnonzero(known & (np.abs(posture - q) > _MOST_OF_MOTORS)).tolist():
+        raise InvalidInputError(
+            f"q: leaves {what}, which closes at {names[joint]} = {posture[joint]:.4g} and not at "
+            f"{q[joint]:.4g}; expected angles at which it closes"
         )
     if gap.share - left.share < WORTH_SAYING:
         return posture, []

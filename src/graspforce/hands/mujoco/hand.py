@@ -188,9 +188,11 @@ class MujocoRobot:
             return [each._replace(rows=each.rows[:, dofs]) for each in found]
 
         drives = drive_rows(model, _evaluated(model, qpos), self.drives)[:, dofs]
+        alone = np.count_nonzero(drives, axis=1) == 1
         positions, notes = closed(
             qpos[address], model.qpos0[address], read, turning(model)[dofs],
-            np.any(drives, axis=0), np.any(self.held[:, dofs], axis=0), dof_names(model, dofs),
+            np.any(drives, axis=0), np.any(drives[alone], axis=0),
+            np.any(self.held[:, dofs], axis=0), dof_names(model, dofs),
         )  # fmt: skip
         return at(positions), notes
 
