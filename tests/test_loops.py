@@ -233,3 +233,38 @@ def test_j_in_a_simulation_whose_loops_are_soft(kind, tilt, off):
     # The tip belongs to the object, which arm1 carries: it is the ground that moves relative to it.
     expected = [-contact.frame.T @ tip_motion(model, q, name, gap) for name in reader.joint_names]
     np.testing.assert_allclose(J, np.transpose(expected), atol=1e-6)
+
+
+def gripper(*, soft=0.0):
+    """A four-bar finger that touches a cube: its loop's far link touches nothing."""
+    inner = LINKAGES["four-bar"].replace("{e}", "0.0")
+    pad = '<geom size=".01" pos=".07 0 .03"/><site name="pad"'
+    text = f"""<mujoco><compiler angle="radian" autolimits="true"/>
+      <default><geom mass=".02"/></default><worldbody>{inner.replace('<site name="pad"', pad)}
+      <body name="cube" pos=".08 0 .11"><freejoint/><geom type="box" size=".02 .02 .0205"/></body>
+      </worldbody><equality><connect site1="one" site2="other"/></equality>
+      <actuator><motor joint="crank" ctrlrange="-5 5"/></actuator></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    data.qpos[:3], _ = closed(linkage("four-bar"), np.zeros(3))
+    data.qpos[2] += soft
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def test_a_simulation_tells_the_gap_of_its_loops():
+    model, data = gripper(soft=0.02)
+    grasp = gf.Grasp.from_mujoco(model, data, "cube")
+    gap = 1000 * np.linalg.norm(data.site("one").xpos - data.site("other").xpos)
+    (note,) = [each for each in grasp.notes if "is open by" in each]
+    assert f"the closed linkage of tip and rocker is open by {gap:.3g} mm: J is off by" in note
+    assert "is open by" not in "".join(gf.Grasp.from_mujoco(*gripper(), "cube").notes)
+    with pytest.raises(gf.InvalidInputError, match=r"tip and rocker is open by .* mm, expected"):
+        gf.Grasp.from_mujoco(*gripper(soft=-0.3), "cube")
+
+
+def test_links_of_a_loop_are_one_finger():
+    """The rocker touches nothing, and is no finger without contact for that."""
+    grasp = gf.Grasp.from_mujoco(*gripper(), "cube")
+    assert len(grasp.contacts) == 1
+    assert not any("not in contact" in note for note in grasp.notes)
