@@ -236,6 +236,17 @@ def test_a_stop_alone_is_no_motor():
     assert 5 < solution.tau[0] < 50
 
 
+def test_an_upper_stop_pushes_the_other_way():
+    """A tip at the upper end of its range: the grip from the other side is the one that holds."""
+    text = gripper("root motors").replace(' 1.5"/>', ' -.17"/>').replace('"-0.17 ', '"-1 ')
+    with pytest.warns(UserWarning, match="no motor controls"):
+        hand = from_mjcf(mujoco.MjModel.from_xml_string(text), ["link_a", "link_b"])
+    onto, off = grasp_of(hand, Q, 1), grasp_of(hand, Q, -1)
+    assert len(onto.A) == len(off.A) == 2
+    assert gf.solve(onto.problem(WEIGHT)).status is gf.Status.INFEASIBLE
+    assert gf.solve(off.problem(WEIGHT)).status is gf.Status.SOLVED
+
+
 def test_a_tendon_at_the_end_of_its_range():
     text = gripper("root motors").replace(
         '<fixed name="pull_a">', '<fixed name="pull_a" range="0 1">'
@@ -382,6 +393,8 @@ def test_locked_and_motors_of_mujocos_doors():
     assert "tip_a" in hand.q_names
     hand = from_mjcf(model, ["link_a"], motors=["tip_a"], tau_max=0.3, locked=["root_a"])
     assert hand.joint_names == ("tip_a",)
+    braked = from_mjcf(model, ["link_a"], tau_max={"tip_a": 0.3}, locked=["root_a"])
+    assert braked.joint_names == ("tip_a",)  # a motor of a joint on its brake does nothing
     for name in ("locked", "motors"):
         with pytest.raises(gf.InvalidInputError, match=f"{name}: got 'thumb', expected some of"):
             from_mjcf(model, ["link_a"], **{name: ["thumb"]})

@@ -136,11 +136,13 @@ def _cancelling(
             if not falling.any():
                 weights = toward
                 break
-            step = (weights[falling] / (weights[falling] - toward[falling])).min()
-            weights = weights + step * (toward - weights)
-            kept = weights > 1e-14
+            steps = np.full(len(weights), np.inf)
+            steps[falling] = weights[falling] / (weights[falling] - toward[falling])
+            first = int(np.argmin(steps))  # leaves, whatever rounding has left of its weight
+            weights = weights + steps[first] * (toward - weights)
+            kept = np.arange(len(weights)) != first
             corners, images = corners[:, kept], images[:, kept]
-            weights = weights[kept] / weights[kept].sum()
+            weights = weights[kept].clip(0.0) / weights[kept].clip(0.0).sum()
         nearest = images @ weights
         if np.linalg.norm(nearest) < _NOTHING:
             break
