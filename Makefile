@@ -5,7 +5,7 @@ PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c 
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
 .PHONY: reproduce test matrix matrix-short lint bench instructions campaign decrements fuzz soak portable clean
-CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp')
+CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp' -o -name '*.[ch]')
 
 reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
 	$(VENV)/bin/python -m graspforce reproduce --out results
