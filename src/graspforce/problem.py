@@ -47,7 +47,6 @@ class ProblemOptions(TypedDict, total=False):
     c_last: ArrayLike | None
     dc_max: ArrayLike | None
     f_soft: ArrayLike | None
-    pull: ArrayLike | None
     internal: ArrayLike | None
 
 
@@ -88,9 +87,6 @@ class ForceProblem:
         f_soft: softness of each row of W c = f, shape (k,) or a scalar [N, N·m]; 0 for a row that
             has to hold. The others may be missed: ½‖(W c − f)/f_soft‖² over them is added to
             what is minimised. What a pinch, a balance controller or a measured load needs.
-        pull: what each contact can pull with, shape (n,) or a scalar, 0 or more [N]: a vacuum,
-            adhesion, a magnet. Its cone is shifted along the normal by engagement·pull:
-            ``c_norm > −pull``, with friction by the preload ``c_norm + pull``.
         internal: where there are more motors than motions, and J is by motors, the r independent
             internal forces of the motors, which make no torque at any joint, shape (r, n_joints):
             ``tau = J.T c + internal.T v + tau_bias`` with any v. An infeasible problem can be
@@ -144,7 +140,6 @@ class ForceProblem:
         c_last: ArrayLike | None = None,
         dc_max: ArrayLike | None = None,
         f_soft: ArrayLike | None = None,
-        pull: ArrayLike | None = None,
         internal: ArrayLike | None = None,
     ) -> None:
         grasp = as_array(W, "W", ("k", "m"), finite=False)
@@ -153,7 +148,7 @@ class ForceProblem:
         given: dict[str, Any] = {
             "W": grasp, "f": f, "J": J, "tau_lo": tau_lo, "tau_hi": tau_hi, "tau_bias": tau_bias,
             "c_max": c_max, "c_min": c_min, "engagement": engagement, "f_soft": f_soft,
-            "c_last": c_last, "dc_max": dc_max, "A": A, "b": b, "alpha": alpha, "pull": pull,
+            "c_last": c_last, "dc_max": dc_max, "A": A, "b": b, "alpha": alpha,
             "internal": internal,
         }  # fmt: skip
         for group in _GROUPS:
@@ -175,10 +170,12 @@ class ForceProblem:
             inequalities = given["A"].shape[0]
         layout = Layout(
             k, tuple(model.dim for model in each), joints, inequalities, c_max is not None,
-            c_min is not None, c_last is not None, f_soft is not None, pull is not None, internals,
+            c_min is not None, c_last is not None, f_soft is not None,
+            any(model.pull > 0 for model in each), internals,
         )  # fmt: skip
         given["mu"] = [model.mu for model in each]
         given["gamma"] = [model.gamma for model in each]
+        given["pull"] = [model.pull for model in each] if layout.pulls else None
         slots = layout.slots
         packed = np.empty(slots["alpha"].stop)
         for name, slot in slots.items():
@@ -207,7 +204,10 @@ class ForceProblem:
         """Make a field's view, or the models, when first asked for: many never are."""
         if name == "models":
             layout = self.layout
-            coefficients = zip(layout.dims, self.mu.tolist(), self.gamma.tolist(), strict=True)
+            pulls = self.pull.tolist() if layout.pulls else [0.0] * len(layout.dims)
+            coefficients = zip(
+                layout.dims, self.mu.tolist(), self.gamma.tolist(), pulls, strict=True
+            )
             value: Any = tuple(model_of(*each) for each in coefficients)
         elif name in FIELDS:
             start, stop, shape = self.layout.slots[name]
@@ -424,8 +424,8 @@ class ForceProblem:
 
         A contact's *reach* is the normal force that alone would use up the tightest range among its
         joints' torques and its ceiling, which pull is added to. A cone may be violated by mu·reach,
-        a ceiling or floor by reach, a torque limit or a rate limit by half its range, a row of A by what forces of the
-        size of reach make.
+        a ceiling or floor by reach, a torque limit or a rate limit by half its range, a row of A by
+        what forces of the size of reach make.
 
         Returns:
             scales of all rows that :meth:`linear_limits` keeps, shape (v,), and of the cones,

@@ -116,7 +116,9 @@ def trivial_verdict(problem: ForceProblem) -> Solution | None:
             "f_soft: got a soft wrench, expected none: this method keeps W c = f"
         )
     if problem.layout.pulls:
-        raise InvalidInputError("pull: got one, expected none: this method's contacts only push")
+        raise InvalidInputError(
+            "models: got contacts that pull, expected none: this method's contacts only push"
+        )
     if problem.layout.internals:
         raise InvalidInputError(
             "internal: got internal forces of motors, expected none: this method knows c alone"
