@@ -14,8 +14,8 @@ from graspforce._engine import native
 
 FULL = {"ceilings": True, "floors": True, "inequalities": 2, "bias": True, "rates": True}
 ARRAYS = (
-    "W", "f", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement", "f_soft",
-    "c_last", "dc_max", "A", "b",
+    "W", "f", "J", "internal", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement",
+    "pull", "f_soft", "c_last", "dc_max", "A", "b",
 )  # fmt: skip
 
 

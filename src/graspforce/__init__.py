@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 from graspforce._engine.outcome import Start, Status
 from graspforce._engine.settings import Settings
 from graspforce.certificate import Certificate, check_certificate
-from graspforce.contact import FPC, PCWF, SFC, Contact
+from graspforce.contact import FPC, PCWF, SFC, Contact, suction_cup
 from graspforce.errors import (
     GraspForceError,
     GraspForceWarning,
@@ -97,6 +97,7 @@ __all__ = [
     "scenarios",
     "sim",
     "solve",
+    "suction_cup",
     "trajectory",
 ]
 

@@ -42,6 +42,8 @@ class Grasp:
         passive_rows: of an underactuated hand, the virtual work of c over the motions that no
             motor moves, shape (k, m); k = 0 for others.
         passive_loads: what that work has to be, shape (k,): 0 but for weight and springs.
+        internal: forces of the motors that balance among themselves, shape (r, n_joints), where
+            they are more than the motions that they move; r = 0 for other hands.
         links: what makes each contact, where that was read from a robot; otherwise empty.
         notes: remarks of the import from a robot.
 
@@ -82,16 +84,18 @@ class Grasp:
         self.joint_names: tuple[str, ...] = ()
         self.passive_rows: Array = np.zeros((0, self.W.shape[1]))
         self.passive_loads: Array = np.zeros(0)
+        self.internal: Array = np.zeros((0, 0))
         self.links: tuple[str, ...] = ()
         self.notes: tuple[str, ...] = ()
 
     def _set_actuation(self, actuation: Actuation) -> None:
         (
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads,
+            self.passive_rows, self.passive_loads, self.internal,
         ) = actuation  # fmt: skip
         if not self.joint_names:  # what touches has no motors, as mocap bodies
             self.J = self.tau_lo = self.tau_hi = self.tau_bias = None
+            self.internal = np.zeros((0, 0))
 
     @classmethod
     def from_mujoco(
@@ -192,6 +196,8 @@ class Grasp:
         hand: ProblemOptions = {
             "J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi, "tau_bias": self.tau_bias,
         }  # fmt: skip
+        if len(self.internal):
+            hand["internal"] = self.internal
         W, wanted = self.W, as_array(f, "f", (6,))
         if len(self.passive_rows):
             W = np.vstack((W, self.passive_rows))

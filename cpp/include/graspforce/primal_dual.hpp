@@ -433,6 +433,11 @@ class PrimalDual : public BlockPoint {
           outside = true;
         }
       }
+      for (int i = 0; i < part(b).components.size(); ++i)
+        if (part(b).components[i] >= blocks_.layout().components() && e[i] != 0) {
+          missing[i] = -e[i];  // an internal force is free
+          outside = true;
+        }
       if (!outside) continue;
       double size = 0;
       for (int r = 0; r < part(b).rows; ++r) {

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
+
+import numpy as np
 
 from graspforce._util.arrays import Array
 
@@ -58,6 +60,11 @@ class Outcome(Protocol):
     @property
     def c(self) -> Array:
         """Contact forces, shape (m,)."""
+        ...
+
+    @property
+    def internal_forces(self) -> Array:
+        """Internal forces of the motors, shape (r,)."""
         ...
 
     @property
@@ -119,3 +126,4 @@ class PlainOutcome:
     z: Array | None = None
     start: int = Start.COLD
     elapsed_us: float = 0.0
+    internal_forces: Array = field(default_factory=lambda: np.zeros(0))

@@ -56,8 +56,10 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
         outcome: its status, forces, multipliers, bound, violation and certificate.
         problem: the problem that it solved.
     """
-    active = problem.active_components
-    inner, whole, c = problem.restricted(), outcome.c, outcome.c[active]
+    active = problem.active_forces
+    whole = np.append(outcome.c, outcome.internal_forces) + problem.preload
+    problem = problem.without_pulls()
+    inner, c = problem.restricted(), whole[active]
     barriers = inner.barriers
     with np.errstate(all="ignore"):
         friction = float(equations.friction_margins(c, barriers.cones).min(initial=math.inf))
@@ -85,7 +87,7 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
                 ok = True
             case Status.INVALID_NUMBERS:
                 ok = equations.may_overflow(problem.packed)
-        wrench_error = float(equations.wrench_error(whole, problem.W, problem.f))
+        wrench_error = float(equations.wrench_error(whole[: problem.m], problem.W, problem.f))
     return Verification(
         bool(ok and bounded and well_formed), wrench_error, friction, limits, decrement, holds
     )

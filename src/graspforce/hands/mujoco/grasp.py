@@ -97,6 +97,8 @@ class MujocoGrasp:
             gravity, Coriolis forces, and what springs, dampers and fluids do to the joints.
         passive_rows: virtual work of c over the motions that no motor moves, shape (k, m).
         passive_loads: what it has to be, shape (k,).
+        internal: forces of the motors that balance among themselves, shape (r, n_joints), where
+            they are more than the motions; it changes with the moment arms, as J does.
 
     Raises:
         MissingExtraError: MuJoCo is not installed.
@@ -117,6 +119,7 @@ class MujocoGrasp:
     tau_bias: Array
     passive_rows: Array
     passive_loads: Array
+    internal: Array
     actuation: Actuation
 
     def __init__(
@@ -191,7 +194,7 @@ class MujocoGrasp:
         self.W = np.ascontiguousarray(wrenches.T)
         (
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads,
+            self.passive_rows, self.passive_loads, self.internal,
         ) = actuation  # fmt: skip
 
     @property
@@ -237,6 +240,11 @@ class MujocoGrasp:
     def object_name(self) -> str:
         """The name of the object's body."""
         return name_of(self._model, mujoco_module().mjtObj.mjOBJ_BODY, self._body)
+
+    @property
+    def pull(self) -> Array:
+        """What adhesion holds each contact with as it is controlled now, shape (n,) [N]."""
+        return self._contacts.pull
 
     @property
     def geoms(self) -> Indices:

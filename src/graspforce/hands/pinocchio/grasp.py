@@ -73,6 +73,7 @@ class PinocchioGrasp:
     tau_lo: Array
     tau_hi: Array
     tau_bias: Array
+    internal: Array
     actuation: Actuation
 
     def __init__(
@@ -156,3 +157,4 @@ class PinocchioGrasp:
         self.contacts, self.origin, self.W = given, about, map_about(about, given)
         self.actuation = self._motors.actuation(self._configuration.transmission, full, bias)
         self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias, *_ = self.actuation
+        self.internal = self.actuation.internal
