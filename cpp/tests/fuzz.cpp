@@ -90,6 +90,7 @@ static Layout some_layout(Choices& choices) {
   layout.floors = flags & 16;
   layout.rate_limits = flags & 64;
   layout.soft_wrench = flags & 128;
+  layout.cone_weights = choices.below(4) == 0;
   if (flags & 32) layout.wrench_rows = 1 + choices.below(9);  // more than six: passive joints, say
   return layout;
 }

@@ -33,8 +33,8 @@ static void layouts_are_told_apart() {
   Layout layout = fingers(2);
   const Layout plain = layout;
   EXPECT(&workspace.engine(plain) == &workspace.engine(layout));
-  for (bool Layout::* flag :
-       {&Layout::ceilings, &Layout::floors, &Layout::rate_limits, &Layout::soft_wrench}) {
+  for (bool Layout::* flag : {&Layout::ceilings, &Layout::floors, &Layout::rate_limits,
+                              &Layout::soft_wrench, &Layout::cone_weights}) {
     layout = plain;
     layout.*flag = true;
     EXPECT(&workspace.engine(layout) != &workspace.engine(plain));

@@ -47,6 +47,7 @@ class ProblemOptions(TypedDict, total=False):
     c_last: ArrayLike | None
     dc_max: ArrayLike | None
     f_soft: ArrayLike | None
+    cone_weight: ArrayLike | None
 
 
 class ProblemArguments(ProblemOptions, total=False):
@@ -86,6 +87,10 @@ class ForceProblem:
         f_soft: softness of each row of W c = f, shape (k,) or a scalar [N, N·m]; 0 for a row that
             has to hold. The others may be missed: ½‖(W c − f)/f_soft‖² over them is added to
             what is minimised. What a pinch, a balance controller or a measured load needs.
+        cone_weight: weight of each contact's cone in Phi_soc, shape (n,) or a scalar, above 0;
+            default 1. Points that stand for one patch share 1 between them
+            (:func:`graspforce.contact.patch_weights`), so that the grip does not depend on how
+            many they are.
 
     Raises:
         InvalidInputError: a wrong shape, NaN or infinity, a limit that excludes another, limits
@@ -107,6 +112,7 @@ class ForceProblem:
     c_min: Array
     engagement: Array
     f_soft: Array
+    cone_weight: Array
     c_last: Array
     dc_max: Array
     A: Array
@@ -133,6 +139,7 @@ class ForceProblem:
         c_last: ArrayLike | None = None,
         dc_max: ArrayLike | None = None,
         f_soft: ArrayLike | None = None,
+        cone_weight: ArrayLike | None = None,
     ) -> None:
         grasp = as_array(W, "W", ("k", "m"), finite=False)
         k, m = grasp.shape
@@ -141,6 +148,7 @@ class ForceProblem:
             "W": grasp, "f": f, "J": J, "tau_lo": tau_lo, "tau_hi": tau_hi, "tau_bias": tau_bias,
             "c_max": c_max, "c_min": c_min, "engagement": engagement, "f_soft": f_soft,
             "c_last": c_last, "dc_max": dc_max, "A": A, "b": b, "alpha": alpha,
+            "cone_weight": cone_weight,
         }  # fmt: skip
         for group in _GROUPS:
             _together({name: given[name] for name in group})
@@ -157,7 +165,7 @@ class ForceProblem:
             inequalities = given["A"].shape[0]
         layout = Layout(
             k, tuple(model.dim for model in each), joints, inequalities, c_max is not None,
-            c_min is not None, c_last is not None, f_soft is not None,
+            c_min is not None, c_last is not None, f_soft is not None, cone_weight is not None,
         )  # fmt: skip
         given["mu"] = [model.mu for model in each]
         given["gamma"] = [model.gamma for model in each]
@@ -319,7 +327,8 @@ class ForceProblem:
     @property
     def cones(self) -> Cones:
         """The friction cones of all contacts."""
-        return Cones.of(self.layout.dims, self.mu, self.gamma)
+        weight = self.cone_weight if self.layout.cone_weights else None
+        return Cones.of(self.layout.dims, self.mu, self.gamma, weight)
 
     @property
     def barriers(self) -> Barriers:

@@ -41,6 +41,7 @@ class LaneBarrier {
   // Whether the kernels fit a structure.
   static bool fits(const Layout& layout, const Structure& structure) {
     if (layout.wrench_rows > kWrench || structure.blocks().empty()) return false;
+    if (layout.cone_weights) return false;  // they are of patches, whose contacts share a block
     if (single && structure.blocks().size() > kLanes) return false;
     if (plain && (layout.rate_limits || layout.soft_wrench)) return false;
     for (const Block& block : structure.blocks())

@@ -42,11 +42,12 @@ struct Layout {
   bool floors = false;        // c_min given
   bool rate_limits = false;   // c_last and dc_max given
   bool soft_wrench = false;   // f_soft given
+  bool cone_weights = false;  // cone_weight given
 
   bool operator==(const Layout& other) const {
     const auto sizes = [](const Layout& l) {
       return std::tie(l.wrench_rows, l.models, l.joints, l.inequalities, l.ceilings, l.floors,
-                      l.rate_limits, l.soft_wrench);
+                      l.rate_limits, l.soft_wrench, l.cone_weights);
     };
     return sizes(*this) == sizes(other);
   }
@@ -133,5 +134,14 @@ struct Problem : Fields<const double*> {
 
   bool in_grasp(int contact) const { return engagement[contact] > kRemovalThreshold; }
 };
+
+// What Phi is divided by, so that each of its terms is standard self-concordant: the least of their
+// weights, and 1.
+inline double barrier_unit(const Layout& layout, const Problem& p) {
+  double unit = *p.alpha < 1 ? *p.alpha : 1;
+  for (int i = 0; i < layout.contacts() && layout.cone_weights; ++i)
+    if (p.in_grasp(i) && p.cone_weight[i] < unit) unit = p.cone_weight[i];
+  return unit;
+}
 
 }  // namespace graspforce

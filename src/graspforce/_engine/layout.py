@@ -50,6 +50,9 @@ FIELDS: dict[str, Field] = {
     "b": Field(("p",), "Right-hand sides of A c ≤ b"),
     "mu": Field(("n",), "Coefficients of friction", default=1.0),
     "gamma": Field(("n",), "Coefficients of torsional friction [m]", default=1.0),
+    "cone_weight": Field(
+        ("n",), "Weights of the cones", broadcast=True, default=1.0, flag="cone_weights"
+    ),
     "alpha": Field((), "Weight of the limits", default=5.0),
 }  # fmt: skip
 
@@ -73,6 +76,7 @@ class Layout(NamedTuple):
     floors: bool
     rate_limits: bool
     soft_wrench: bool
+    cone_weights: bool
 
     @property
     def sizes(self) -> dict[str, int]:

@@ -99,7 +99,10 @@ class Solution(native.SolutionBase):
 
     @property
     def decrement(self) -> float:
-        """Certified bound on the Newton decrement at c, for Phi / min(1, alpha); or inf."""
+        """Certified bound on the Newton decrement at c, for Phi over its unit; or inf.
+
+        The unit is the least of alpha, the weights of the cones and 1.
+        """
         return self._outcome.decrement
 
     @property
@@ -119,7 +122,9 @@ class Solution(native.SolutionBase):
         With the decrement bounded by λ₁ < 1, a standard self-concordant function is within
         −λ₁ − ln(1 − λ₁) of its minimum.
         """
-        return min(1.0, self.problem.alpha) * equations.suboptimality(self._outcome.decrement)
+        inner = self.problem.restricted()
+        unit = min(1.0, inner.alpha, *inner.cone_weight.tolist())
+        return unit * equations.suboptimality(self._outcome.decrement)
 
     @property
     def violation(self) -> float:

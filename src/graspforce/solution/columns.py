@@ -212,7 +212,8 @@ class _Chunk:
         self.layout = layout
         self.c = np.array([each.c for each in solutions])
         self.data = layout.views(np.array([each.problem.packed for each in solutions]))
-        self.cones = Cones.of(layout.dims, self.data["mu"], self.data["gamma"])
+        weight = self.data["cone_weight"] if layout.cone_weights else None
+        self.cones = Cones.of(layout.dims, self.data["mu"], self.data["gamma"], weight)
 
     def tau(self) -> Array:
         return equations.joint_torques(self.c, self.data["J"], self.data["tau_bias"])

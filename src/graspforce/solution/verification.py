@@ -37,7 +37,7 @@ class Verification:
         wrench_error: largest |W c − f| [N, N·m].
         friction_margin: smallest of the friction margins [N].
         limit_margin: smallest slack of the linear limits, in each limit's own unit.
-        decrement: Newton decrement of Phi / min(1, alpha) at c, from NumPy; inf outside.
+        decrement: Newton decrement of Phi over its unit at c, from NumPy; inf outside.
         certificate_holds: the certificate proves infeasibility; None when there is none.
     """
 
