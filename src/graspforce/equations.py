@@ -36,6 +36,9 @@ ROUNDING = 2e-15
 # A direction of the wrench that W, in rows of unit length, reaches by less than this is out of
 # reach to rounding; fainter ones than 1e-10 may be counted either way.
 RANK_TOLERANCE = 1e-13
+# Singular values of W and J, their rows of unit length, below which only contact points that differ
+# by rounding tell contacts apart.
+UNDETERMINED = 1e-9
 # Forces this many times as large as what the limits are made for mean that nothing holds them.
 RUNAWAY = 1e6
 
@@ -623,6 +626,19 @@ def relative_wrench_error(c: Array, W: Array, f: Array) -> Any:
     parts = _times(np.abs(W), np.abs(c)).max(axis=-1)
     scale = np.maximum(np.abs(f).max(axis=-1), parts)
     return wrench_error(c, W, f) / np.where(scale == 0, 1.0, scale)
+
+
+def undetermined(W: Array, J: Array) -> int:
+    """How many components of c neither W c nor J.T c determines.
+
+    Args:
+        W: grasp map of one problem, shape (k, m).
+        J: hand Jacobian, shape (m, n_joints).
+    """
+    rows = np.vstack((W, J.T))
+    size = np.linalg.norm(rows, axis=1, keepdims=True)
+    unit = rows / np.where(size > 0, size, 1.0)
+    return rows.shape[1] - int(np.linalg.matrix_rank(unit, tol=UNDETERMINED))
 
 
 def wrench_reachable(W: Array, f: Array) -> bool:

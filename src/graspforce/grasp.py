@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspforce import equations
 from graspforce._util.arrays import Array, as_array, require_keywords
 from graspforce.contact import (
     Contact,
@@ -19,7 +20,7 @@ from graspforce.contact import (
 )
 from graspforce.errors import InvalidInputError
 from graspforce.grasp_map import map_about
-from graspforce.problem import ForceProblem, ProblemOptions, undetermined, undetermined_note
+from graspforce.problem import ForceProblem, ProblemOptions
 
 if TYPE_CHECKING:
     from graspforce.hands.hand import Actuation, Hand, ImportedGrasp
@@ -124,7 +125,7 @@ class Grasp:
         hand closed) chooses among them.
         """
         J = np.zeros((self.W.shape[1], 0)) if self.J is None else self.J
-        return undetermined(np.vstack((self.W, self.passive_rows)), J)
+        return equations.undetermined(np.vstack((self.W, self.passive_rows)), J)
 
     @classmethod
     def from_mujoco(
@@ -220,8 +221,6 @@ class Grasp:
         grasp._set_contacts(read.contacts, read.origin)
         grasp._set_actuation(read.actuation)
         grasp.links, grasp.notes = read.links, read.notes
-        if count := grasp.undetermined:
-            grasp.notes += (undetermined_note(count, grasp.W.shape[1]),)
         return grasp
 
     def problem(self, f: ArrayLike, **options: Unpack[ProblemOptions]) -> ForceProblem:

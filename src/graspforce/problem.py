@@ -27,10 +27,6 @@ from graspforce.errors import InvalidInputError
 # its cone, its limits and its finger's joints leave the problem (end of Section III-C.3).
 REMOVAL_THRESHOLD = 1e-6
 
-# Singular values of W and J, their rows of unit length, below which contact positions that differ
-# by rounding would be what tells contacts apart.
-UNDETERMINED = 1e-9
-
 # Arguments that make sense together alone.
 _GROUPS = (("J", "tau_lo", "tau_hi"), ("A", "b"), ("c_last", "dc_max"))
 
@@ -388,7 +384,7 @@ class ForceProblem:
         if not self.layout.joints:
             return 0
         kept = self.active_components
-        return undetermined(self.W[:, kept], self.J[kept])
+        return equations.undetermined(self.W[:, kept], self.J[kept])
 
     def violation_scales(self) -> tuple[Array, Array]:
         """What one unit of relative violation means, for each linear limit and each cone.
@@ -483,31 +479,6 @@ def soft_rows(fields: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return W and f over f_soft, zero in the exact rows, of a problem or a batch of them."""
     over = np.where(fields["f_soft"] > 0, fields["f_soft"], np.inf)
     return fields["W"] / over[..., None], fields["f"] / over
-
-
-def undetermined(W: Array, J: Array) -> int:
-    """How many components of c neither W c nor J.T c determines.
-
-    Args:
-        W: grasp map, shape (k, m).
-        J: hand Jacobian, shape (m, n_joints).
-    """
-    rows = np.vstack((W, J.T))
-    size = np.linalg.norm(rows, axis=1)
-    rows = rows[size > 0] / size[size > 0, None]
-    return (
-        rows.shape[1] - int(np.linalg.matrix_rank(rows, tol=UNDETERMINED))
-        if len(rows)
-        else W.shape[1]
-    )
-
-
-def undetermined_note(count: int, m: int) -> str:
-    """Say that so many of m components of c are as asked for, and need not come about."""
-    return (
-        f"{count} of {m} force components are undetermined: neither W c = f nor the torques fix "
-        "them, the motors cannot tell; they and the margins that they are in are as asked"
-    )
 
 
 def _touches(rows: Array, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:

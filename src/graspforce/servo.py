@@ -51,9 +51,9 @@ class Servo:
     Attributes:
         W, f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, f_soft, c_last, dc_max, A, b,
             mu, gamma, cone_weight, alpha: the next tick's fields of a :class:`ForceProblem`,
-            arrays that live in the Servo and are written in place (``servo.alpha[...] = 3``); empty where the first
-            problem had none. With rate limits, ``c_last`` is overwritten by the forces of every
-            tick that is SOLVED.
+            arrays that live in the Servo and are written in place (``servo.alpha[...] = 3``);
+            empty where the first problem had none. With rate limits, ``c_last`` is overwritten by
+            the forces of every tick that is SOLVED.
     """
 
     __slots__ = {

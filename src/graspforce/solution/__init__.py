@@ -150,7 +150,7 @@ class Solution(native.SolutionBase):
             case Status.SOLVED:
                 return (
                     f"solved in {self.newton_steps} Newton steps; "
-                    f"Phi is within {self.suboptimality:.1e} of its minimum"
+                    f"Phi is within {self.suboptimality:.1e} of its minimum{self._as_asked()}"
                 )
             case Status.INFEASIBLE:
                 return (
@@ -173,6 +173,15 @@ class Solution(native.SolutionBase):
                 return "rounding stopped the progress before a verdict could be certified"
             case Status.INVALID_NUMBERS:
                 return "the problem's numbers overflow in double precision; rescale them"
+
+    def _as_asked(self) -> str:
+        count = self.problem.undetermined
+        if not count:
+            return ""
+        return (
+            f"; {count} of {self.problem.m} force components are as asked: neither W c = f nor "
+            "the torques determine them"
+        )
 
     def raise_if_failed(self) -> None:
         """Raise unless SOLVED.
@@ -237,7 +246,8 @@ class Solution(native.SolutionBase):
         """Margins mu n − ‖tangential force‖, shape (n,) [N]; negative where a contact slips.
 
         FPC: the normal force. SFC: the torsion counts as (mu/gamma)·torsion. A contact that is
-        out of the grasp has no margin: inf.
+        out of the grasp has no margin: inf. Where ``problem.undetermined`` is above 0, margins
+        are those of the forces asked for: other forces take the same wrench and torques.
         """
         margins = equations.friction_margins(self.c, self.problem.cones)
         return np.where(self.problem.active, margins, np.inf)

@@ -18,7 +18,13 @@ from graspforce._util.arrays import Array, as_tuple, came, index_of
 from graspforce.contact import Contact, ContactModel, as_contacts, patch_weights
 from graspforce.errors import InvalidInputError, warn
 from graspforce.grasp_map import map_about
-from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    Motors,
+    choose_motors,
+    notes_of,
+    undetermined_notes,
+    warnings_of,
+)
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.limits import as_tau_max, has_motor
@@ -231,7 +237,7 @@ class MujocoGrasp:
             notes.append(
                 "the simulation's friction pyramids lie inside the exact cones of the grasp"
             )
-        return tuple(notes)
+        return (*notes, *undetermined_notes(self.W, self.passive_rows, self.J))
 
     @property
     def object_name(self) -> str:

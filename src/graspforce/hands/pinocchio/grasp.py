@@ -13,7 +13,13 @@ from graspforce._util.arrays import Array, as_array, as_tuple, came
 from graspforce.contact import Contact, as_contacts, warn_of_slips
 from graspforce.errors import InvalidInputError, ModelImportError, warn
 from graspforce.grasp_map import map_about
-from graspforce.hands.configuration import choose_motors, full_jacobian, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    choose_motors,
+    full_jacobian,
+    notes_of,
+    undetermined_notes,
+    warnings_of,
+)
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_link
 from graspforce.hands.pinocchio.mimics import mimic_couplings, mimics_of
@@ -135,9 +141,9 @@ class PinocchioGrasp:
         )
         told = (self._motors, self._configuration.transmission, self._configuration.dof_names)
         warnings = (*warnings_of(*told), *said)
-        self.notes = (*warnings, *notes_of(*told))
+        self._notes = (*warnings, *notes_of(*told))
         if urdf is None and len(drives) > 1 and len(model.mimicking_joints) == 0:
-            self.notes += (
+            self._notes += (
                 "every joint is taken to have a motor of its own; which ones mimic others this "
                 "model may not tell, and urdf= does",
             )
@@ -189,6 +195,12 @@ class PinocchioGrasp:
         self.contacts, self.origin, self.W = given, about, map_about(about, given)
         self.actuation = self._motors.actuation(self._configuration.transmission, full, bias)
         self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias, *_ = self.actuation
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know, a sentence each."""
+        *_, rows, _ = self.actuation
+        return (*self._notes, *undetermined_notes(self.W, rows, self.J))
 
     def _base_wrench(self, forces: Array, about: Array) -> Array:
         """Return the base's six forces, in its own axes, as a wrench about a point of the world."""
@@ -262,7 +274,7 @@ def _refuse_jaws_of_one_motor(
     Raises:
         ModelImportError: there are such, and nothing says that each has a motor.
     """
-    said = tau_max if isinstance(tau_max, Mapping) else {}
+    said = set[str](tau_max) if isinstance(tau_max, Mapping) else set[str]()
     joints = {int(model.getJointId(each.limit.name)): each.limit for each in drives}
     siblings: dict[int, list[int]] = {}
     for joint in joints:
@@ -272,12 +284,12 @@ def _refuse_jaws_of_one_motor(
         if (
             len(others) == 1
             and first[1:] == others[0][1:]
-            and not {first.name, others[0].name} <= set(said)
+            and not {first.name, others[0].name} <= said
             and not any(set(pair) & set(model.supports[each]) - {each} for each in joints)
         ):
             raise ModelImportError(
-                f"joints {first.name!r} and {others[0].name!r} of one link have the same limits and "
-                "nothing beyond them, as the jaws of a gripper that one motor moves, and this "
+                f"joints {first.name!r} and {others[0].name!r} of one link have the same limits "
+                "and nothing beyond them, as the jaws of a gripper that one motor moves, and this "
                 "model does not tell: give urdf=, the file or its text, for its mimic joints; or "
                 "tau_max by name, if each has a motor"
             )

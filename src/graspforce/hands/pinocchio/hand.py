@@ -19,7 +19,8 @@ from graspforce.hands.imported import (
     as_fingertips,
     fingers_of,
 )
-from graspforce.hands.pinocchio.mimics import Mimic, mimic_couplings, mimics_of
+from graspforce.hands.limits import DriveLimit
+from graspforce.hands.pinocchio.mimics import Mimic, joints_of, mimic_couplings, mimics_of
 from graspforce.hands.pinocchio.model import (
     JointDrive,
     PinocchioConfiguration,
@@ -90,6 +91,22 @@ def from_urdf(
     )  # fmt: skip
 
 
+def default_fingertips(path: str | Path) -> tuple[str, ...]:
+    """Return the last links of the chains that joints move.
+
+    Raises:
+        ModelImportError: the file is missing or no URDF.
+    """
+    model, joints = _built(Path(path)), joints_of(path)
+    parents = {parent for _, parent in joints}
+    frames = frames_of(model)
+    return tuple(
+        child
+        for child, _ in joints
+        if child not in parents and child in frames and dofs_above(model, frames[child]).any()
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PinocchioRobot:
     """A URDF as the kinematics of a hand."""
@@ -100,6 +117,11 @@ class PinocchioRobot:
     couplings: Array
     q_names: tuple[str, ...]
     mimics: tuple[Mimic, ...]
+
+    @property
+    def limits(self) -> tuple[tuple[DriveLimit, str], ...]:
+        """The file's limits of the drives, and which of its numbers they come from."""
+        return tuple((each.limit, "effort") for each in self.drives)
 
     @property
     def links(self) -> tuple[str, ...]:

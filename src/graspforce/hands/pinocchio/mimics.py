@@ -35,16 +35,7 @@ def mimics_of(urdf: str | Path) -> tuple[Mimic, ...]:
     Raises:
         ModelImportError: the file is missing, or it is no URDF.
     """
-    is_text = isinstance(urdf, str) and urdf.lstrip().startswith("<")
-    named = "urdf" if is_text else urdf
-    try:
-        robot = ElementTree.fromstring(str(urdf)) if is_text else ElementTree.parse(urdf).getroot()
-    except OSError as error:
-        raise ModelImportError(f"{named}: cannot read the file: {error.strerror}") from error
-    except ElementTree.ParseError as error:
-        raise ModelImportError(f"{named}: not a URDF: {error}") from error
-    if robot.tag != "robot":
-        raise ModelImportError(f"{named}: got <{robot.tag}>, expected a URDF's <robot>")
+    robot, named = _parsed(urdf)
     found: list[Mimic] = []
     for joint in robot.iter("joint"):
         mimic = joint.find("mimic")
@@ -58,6 +49,36 @@ def mimics_of(urdf: str | Path) -> tuple[Mimic, ...]:
             raise ModelImportError(f"{named}: mimic of joint {name!r}: {error}") from error
         found.append(Mimic(name, mimic.get("joint", ""), multiplier, offset))
     return tuple(found)
+
+
+def joints_of(urdf: str | Path) -> list[tuple[str, str]]:
+    """Return the child and the parent of every joint of a URDF, a path or its text.
+
+    Raises:
+        ModelImportError: the file is missing, or it is no URDF.
+    """
+    robot, _ = _parsed(urdf)
+    ends = [(joint.find("child"), joint.find("parent")) for joint in robot.iter("joint")]
+    return [
+        (child.get("link", ""), parent.get("link", ""))
+        for child, parent in ends
+        if child is not None and parent is not None
+    ]
+
+
+def _parsed(urdf: str | Path) -> tuple[ElementTree.Element, str]:
+    """Return a URDF's root, and what to call it in errors."""
+    is_text = isinstance(urdf, str) and urdf.lstrip().startswith("<")
+    named = "urdf" if is_text else str(urdf)
+    try:
+        robot = ElementTree.fromstring(str(urdf)) if is_text else ElementTree.parse(urdf).getroot()
+    except OSError as error:
+        raise ModelImportError(f"{named}: cannot read the file: {error.strerror}") from error
+    except ElementTree.ParseError as error:
+        raise ModelImportError(f"{named}: not a URDF: {error}") from error
+    if robot.tag != "robot":
+        raise ModelImportError(f"{named}: got <{robot.tag}>, expected a URDF's <robot>")
+    return robot, named
 
 
 def mimic_couplings(
