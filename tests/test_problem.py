@@ -243,7 +243,7 @@ def test_the_fields_are_those_of_the_core(request, kind):
 
 def test_packed_is_all_fields_in_the_order_of_the_layout(full):
     slots = full.layout.slots
-    assert list(slots) == [*ARRAYS, "mu", "gamma", "alpha"]
+    assert list(slots) == [*ARRAYS, "mu", "gamma", "cone_weight", "alpha"]
     parts = [np.ravel(getattr(full, name)) for name in slots]
     assert np.array_equal(np.concatenate(parts), full.packed)
     for name, slot in slots.items():

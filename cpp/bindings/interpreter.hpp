@@ -24,8 +24,9 @@ using NumpyVector = nb::ndarray<nb::numpy, const double, nb::ndim<1>>;
 // The layout that a graspforce._engine.layout.Layout, a tuple, describes.
 inline Layout make_layout(nb::handle tuple) {
   const auto [wrench_rows, dims, joints, inequalities, ceilings, floors, rate_limits, soft_wrench,
-              pulls, internals] =
-      nb::cast<std::tuple<int, std::vector<int>, int, int, bool, bool, bool, bool, bool, int>>(
+              pulls, internals, cone_weights] =
+      nb::cast<
+          std::tuple<int, std::vector<int>, int, int, bool, bool, bool, bool, bool, int, bool>>(
           tuple);
   Layout layout;
   layout.wrench_rows = wrench_rows;
@@ -38,6 +39,7 @@ inline Layout make_layout(nb::handle tuple) {
   layout.soft_wrench = soft_wrench;
   layout.pulls = pulls;
   layout.internals = internals;
+  layout.cone_weights = cone_weights;
   return layout;
 }
 

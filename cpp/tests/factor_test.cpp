@@ -24,6 +24,7 @@ static Rows dense_hessian(const Layout& layout, const Problem& p, const std::vec
     const int first = layout.first(i), dim = static_cast<int>(layout.models[i]);
     const Real mu = p.mu[i], torsion = mu / p.gamma[i];
     const Real D[4] = {mu * mu, -1, -1, -torsion * torsion};
+    const Real weight = layout.cone_weights ? p.cone_weight[i] : 1;
     Real radius = 0, slope[4];
     for (int a = 0; a < dim; ++a) present[first + a] = p.in_grasp(i);
     if (!p.in_grasp(i)) continue;
@@ -33,7 +34,8 @@ static Rows dense_hessian(const Layout& layout, const Problem& p, const std::vec
     for (int a = 0; a < dim; ++a) slope[a] = 2 * D[a] * c[first + a];
     for (int a = 0; a < dim; ++a)
       for (int b = 0; b < dim; ++b)
-        H[first + a][first + b] += slope[a] * slope[b] / (q * q) - (a == b ? 2 * D[a] / q : 0);
+        H[first + a][first + b] +=
+            weight * (slope[a] * slope[b] / (q * q) - (a == b ? 2 * D[a] / q : 0));
   }
   auto add = [&](auto entry, Real slack) {
     for (int a = 0; a < m; ++a)

@@ -93,6 +93,7 @@ static Layout some_layout(Choices& choices) {
   const int more = choices.byte();
   layout.pulls = more & 1;
   layout.internals = flags & 2 && more & 6 ? 1 + choices.below(2) : 0;
+  layout.cone_weights = more & 8;
   if (flags & 32) layout.wrench_rows = 1 + choices.below(9);  // more than six: passive joints, say
   return layout;
 }

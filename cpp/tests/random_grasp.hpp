@@ -39,6 +39,7 @@ inline Layout random_layout(Random& random, int most_contacts = 8) {
   layout.soft_wrench = random.chance(0.2);
   layout.pulls = random.chance(0.2);
   layout.internals = layout.joints > 0 && random.chance(0.2) ? 1 + random.below(2) : 0;
+  layout.cone_weights = random.chance(0.2);
   return layout;
 }
 
@@ -66,6 +67,7 @@ class RandomGrasp {
       data.f_soft[r] =
           random.chance(0.3) ? 0 : (r < 3 ? 1 : 0.05) * std::pow(10, random.uniform(-3, 1));
     for (double& most : data.pull) most = random.chance(0.3) ? 0 : random.uniform(0, 8);
+    for (double& weight : data.cone_weight) weight = 1.0 / (1 + random.below(8));
     for (double& most : data.dc_max) most = random.uniform(0.5, 10);
     std::fill(data.tau_lo.begin(), data.tau_lo.end(), -0.8);
     std::fill(data.tau_hi.begin(), data.tau_hi.end(), 0.8);

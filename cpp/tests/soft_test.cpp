@@ -37,7 +37,8 @@ static Real phi(const Layout& layout, const Problem& p, const std::vector<Real>&
       tangent += t * t;
     }
     const Real mu = p.mu[i], normal = c[first];
-    soc -= std::log(mu * mu * normal * normal - tangent);
+    const Real weight = layout.cone_weights ? p.cone_weight[i] : 1;
+    soc -= weight * std::log(mu * mu * normal * normal - tangent);
     if (layout.ceilings) below(Real(p.engagement[i]) * p.c_max[i] - normal);
     if (layout.floors) below(normal - Real(p.engagement[i]) * p.c_min[i]);
     for (int d = 0; layout.rate_limits && d < dim; ++d) {
@@ -60,7 +61,7 @@ static Real missing(const Layout& layout, const Problem& p, const std::vector<Re
 // is at most λ times the root of the Hessian's diagonal, and what the last digits of c are worth.
 static bool is_stationary(const Layout& layout, const Problem& p, const std::vector<Real>& c,
                           const double* nu, Real lambda) {
-  const Real weight = 1 / std::min(1.0, *p.alpha), here = phi(layout, p, c);
+  const Real weight = 1 / barrier_unit(layout, p), here = phi(layout, p, c);
   auto at = [&](int i, Real change) {
     std::vector<Real> other = c;
     other[i] += change;
@@ -114,7 +115,7 @@ static void answers_are_minima() {
       const Real lacks = missing(layout, p, c, r), F = p.f_soft[r];
       const Real size = std::abs(Real(p.f[r])) + std::abs(lacks) + 1;
       EXPECT(std::abs(lacks - F * F * engine.multipliers()[r]) <=
-             1.1L * result.decrement * F * std::sqrt(std::min(1.0, *p.alpha)) + 1e-9L * size);
+             1.1L * result.decrement * F * std::sqrt(barrier_unit(layout, p)) + 1e-9L * size);
       far += std::abs(lacks) > 0.1L * std::abs(Real(p.f[r]));
     }
   }

@@ -34,7 +34,7 @@ static void layouts_are_told_apart() {
   const Layout plain = layout;
   EXPECT(&workspace.engine(plain) == &workspace.engine(layout));
   for (bool Layout::* flag : {&Layout::ceilings, &Layout::floors, &Layout::rate_limits,
-                              &Layout::soft_wrench, &Layout::pulls}) {
+                              &Layout::soft_wrench, &Layout::pulls, &Layout::cone_weights}) {
     layout = plain;
     layout.*flag = true;
     EXPECT(&workspace.engine(layout) != &workspace.engine(plain));

@@ -53,6 +53,9 @@ LEAST_ACROSS = 1e-9
 LARGEST_SPAN = 5.0
 LARGEST_GAMMA = 1.0
 
+# Between these angles of their normals [rad], contacts cease to be of one patch.
+PATCH_ANGLES = (math.radians(10), math.radians(30))
+
 
 class _Model:
     """Base of the contact models, which set ``dim``, ``mu``, ``gamma`` and ``pull``."""
@@ -273,6 +276,25 @@ def cross(a: Array, b: Array) -> Array:
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
+
+
+def patch_weights(normals: Array, links: Sequence[object]) -> Array:
+    """Return the weights of the cones with which contacts of one patch share 1, shape (n,).
+
+    How many points stand for one patch is a matter of the simulator's collision geometry. Contacts
+    are of one patch as far as the same link makes them and their normals agree: wholly up to
+    ``PATCH_ANGLES[0]`` apart, not at all from ``PATCH_ANGLES[1]`` on, and in between in
+    proportion, so that no weight jumps. A contact's weight is 1 over the contacts that it shares a
+    patch with, itself among them.
+
+    Args:
+        normals: unit normals, shape (n, 3).
+        links: what makes each contact, n names or numbers.
+    """
+    together = np.array([[one == other for other in links] for one in links], dtype=float)
+    near, far = np.cos(PATCH_ANGLES)
+    together *= np.clip((normals @ normals.T - far) / (near - far), 0.0, 1.0)
+    return 1 / together.sum(axis=1)
 
 
 def contact_starts(models: Sequence[ContactModel]) -> list[int]:

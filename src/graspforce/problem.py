@@ -48,6 +48,7 @@ class ProblemOptions(TypedDict, total=False):
     dc_max: ArrayLike | None
     f_soft: ArrayLike | None
     internal: ArrayLike | None
+    cone_weight: ArrayLike | None
 
 
 class ProblemArguments(ProblemOptions, total=False):
@@ -91,6 +92,10 @@ class ForceProblem:
             internal forces of the motors, which make no torque at any joint, shape (r, n_joints):
             ``tau = J.T c + internal.T v + tau_bias`` with any v. An infeasible problem can be
             proved so where for each v some motor feels it alone (a column of zeros in J).
+        cone_weight: weight of each contact's cone in Phi_soc, shape (n,) or a scalar, above 0;
+            default 1. Points that stand for one patch share 1 between them
+            (:func:`graspforce.contact.patch_weights`), so that the grip does not depend on how
+            many they are.
 
     Raises:
         InvalidInputError: a wrong shape, NaN or infinity, a limit that excludes another, limits
@@ -113,6 +118,7 @@ class ForceProblem:
     engagement: Array
     pull: Array
     f_soft: Array
+    cone_weight: Array
     c_last: Array
     dc_max: Array
     internal: Array
@@ -141,6 +147,7 @@ class ForceProblem:
         dc_max: ArrayLike | None = None,
         f_soft: ArrayLike | None = None,
         internal: ArrayLike | None = None,
+        cone_weight: ArrayLike | None = None,
     ) -> None:
         grasp = as_array(W, "W", ("k", "m"), finite=False)
         k, m = grasp.shape
@@ -150,6 +157,7 @@ class ForceProblem:
             "c_max": c_max, "c_min": c_min, "engagement": engagement, "f_soft": f_soft,
             "c_last": c_last, "dc_max": dc_max, "A": A, "b": b, "alpha": alpha,
             "internal": internal,
+            "cone_weight": cone_weight,
         }  # fmt: skip
         for group in _GROUPS:
             _together({name: given[name] for name in group})
@@ -171,7 +179,7 @@ class ForceProblem:
         layout = Layout(
             k, tuple(model.dim for model in each), joints, inequalities, c_max is not None,
             c_min is not None, c_last is not None, f_soft is not None,
-            any(model.pull > 0 for model in each), internals,
+            any(model.pull > 0 for model in each), internals, cone_weight is not None,
         )  # fmt: skip
         given["mu"] = [model.mu for model in each]
         given["gamma"] = [model.gamma for model in each]
@@ -357,7 +365,8 @@ class ForceProblem:
     @property
     def cones(self) -> Cones:
         """The friction cones of all contacts."""
-        return Cones.of(self.layout.dims, self.mu, self.gamma)
+        weight = self.cone_weight if self.layout.cone_weights else None
+        return Cones.of(self.layout.dims, self.mu, self.gamma, weight)
 
     @property
     def barriers(self) -> Barriers:
@@ -418,6 +427,14 @@ class ForceProblem:
 
     def _joints_that_count(self) -> NDArray[np.bool_]:
         return _touches(np.concatenate((self.J, self.internal)).T, self.active_forces)
+
+    @property
+    def undetermined(self) -> int:
+        """How many components of c neither W c = f nor the torques determine; 0 without J."""
+        if not self.layout.joints:
+            return 0
+        kept = self.active_components
+        return equations.undetermined(self.W[:, kept], self.J[kept])
 
     def violation_scales(self) -> tuple[Array, Array]:
         """What one unit of relative violation means, for each linear limit and each cone.

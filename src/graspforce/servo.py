@@ -49,11 +49,11 @@ class Servo:
         InvalidInputError: an argument of the wrong kind.
 
     Attributes:
-        W, f, J, internal, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, pull, f_soft, c_last,
-            dc_max, A, b, mu, gamma, alpha: the next tick's fields of a :class:`ForceProblem`,
-            arrays that live in the Servo and are written in place (``servo.alpha[...] = 3``); empty
-            where the first problem had none. With rate limits, ``c_last`` is overwritten by the
-            forces of every tick that is SOLVED.
+        W, f, J, internal, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, pull, f_soft,
+            cone_weight, c_last, dc_max, A, b, mu, gamma, alpha: the next tick's fields of a
+            :class:`ForceProblem`, arrays that live in the Servo and are written in place
+            (``servo.alpha[...] = 3``); empty where the first problem had none. With rate limits,
+            ``c_last`` is overwritten by the forces of every tick that is SOLVED.
     """
 
     __slots__ = {
@@ -92,6 +92,7 @@ class Servo:
     b: Array
     mu: Array
     gamma: Array
+    cone_weight: Array
     alpha: Array
 
     def __init__(self, problem: ForceProblem, settings: Settings | None = None) -> None:

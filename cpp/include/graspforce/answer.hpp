@@ -54,7 +54,7 @@ enum class Start : int {
 struct Result {
   Status status = Status::InvalidNumbers;
   int newton_steps = 0;
-  double decrement = kInfinity;  // certified bound, for Phi / min(1, alpha)
+  double decrement = kInfinity;  // certified bound, for Phi / barrier_unit
   double violation = 0;          // least relative violation when infeasible
   Start start = Start::Cold;
   double elapsed_us = 0;  // measured only where the settings limit the time

@@ -50,6 +50,7 @@ struct Tip {
   Cone cone;
   double reach;       // the normal force that alone uses up the tightest limit
   double cone_scale;  // violation of the cone that counts as one, mu·reach
+  double weight;      // of the cone's barrier
 };
 
 struct BlockData {
@@ -94,7 +95,7 @@ class Blocks {
           nullptr, nullptr,          nullptr, nullptr, nullptr};
       int first = 0;
       for (int contact : block.contacts) {
-        *tips++ = {contact, first, {structure.dim(contact), 1, 1}, 1, 1};
+        *tips++ = {contact, first, {structure.dim(contact), 1, 1}, 1, 1, 1};
         first += structure.dim(contact);
       }
       part.Wt = arena_.take(q * k);
@@ -230,6 +231,7 @@ class Blocks {
     for (Tip& tip : part.tips) {
       tip.cone.mu = p.mu[tip.contact];
       tip.cone.torsion = p.mu[tip.contact] / p.gamma[tip.contact];
+      if (layout_.cone_weights) tip.weight = p.cone_weight[tip.contact];
       if (boxed_contacts(block) == 0) continue;
       const double share = p.engagement[tip.contact];
       a[tip.first] = 1;

@@ -47,6 +47,8 @@ enum class Range { Finite, Positive, NotNegative, Share };
   FIELD(b, Span<double>, l.inequalities, 1, 0, Finite, kChangedRest)                              \
   FIELD(mu, Span<double>, l.contacts(), 1, 1, Positive, kChangedRest)                             \
   FIELD(gamma, Span<double>, l.contacts(), 1, 1, Positive, kChangedRest)                          \
+  FIELD(cone_weight, Span<double>, l.cone_weights ? l.contacts() : 0, 1, 1, Positive,             \
+        kChangedRest)                                                                             \
   FIELD(alpha, Scalar, 1, 1, 5, Positive, kChangedRest)
 
 // How many indices an entry of a field has.

@@ -41,7 +41,9 @@ class LaneBarrier {
   // Whether the kernels fit a structure.
   static bool fits(const Layout& layout, const Structure& structure) {
     if (layout.wrench_rows > kWrench || structure.blocks().empty()) return false;
-    if (layout.internals > 0) return false;
+    // Internal forces tie all contacts together; weights are of patches, whose contacts share a
+    // block.
+    if (layout.internals > 0 || layout.cone_weights) return false;
     if (single && structure.blocks().size() > kLanes) return false;
     if (plain && (layout.rate_limits || layout.soft_wrench)) return false;
     for (const Block& block : structure.blocks())

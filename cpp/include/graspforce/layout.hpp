@@ -44,11 +44,12 @@ struct Layout {
   bool soft_wrench = false;   // f_soft given
   bool pulls = false;         // pull given
   int internals = 0;          // rows of internal
+  bool cone_weights = false;  // cone_weight given
 
   bool operator==(const Layout& other) const {
     const auto sizes = [](const Layout& l) {
       return std::tie(l.wrench_rows, l.models, l.joints, l.inequalities, l.ceilings, l.floors,
-                      l.rate_limits, l.soft_wrench, l.pulls, l.internals);
+                      l.rate_limits, l.soft_wrench, l.pulls, l.internals, l.cone_weights);
     };
     return sizes(*this) == sizes(other);
   }
@@ -143,5 +144,14 @@ struct Problem : Fields<const double*> {
                      : internal[entry_at(force - m, joint, joints)];
   }
 };
+
+// What Phi is divided by, so that each of its terms is standard self-concordant: the least of their
+// weights, and 1.
+inline double barrier_unit(const Layout& layout, const Problem& p) {
+  double unit = *p.alpha < 1 ? *p.alpha : 1;
+  for (int i = 0; i < layout.contacts() && layout.cone_weights; ++i)
+    if (p.in_grasp(i) && p.cone_weight[i] < unit) unit = p.cone_weight[i];
+  return unit;
+}
 
 }  // namespace graspforce

@@ -52,6 +52,9 @@ FIELDS: dict[str, Field] = {
     "b": Field(("p",), "Right-hand sides of A c ≤ b"),
     "mu": Field(("n",), "Coefficients of friction", default=1.0),
     "gamma": Field(("n",), "Coefficients of torsional friction [m]", default=1.0),
+    "cone_weight": Field(
+        ("n",), "Weights of the cones", broadcast=True, default=1.0, flag="cone_weights"
+    ),
     "alpha": Field((), "Weight of the limits", default=5.0),
 }  # fmt: skip
 
@@ -77,6 +80,7 @@ class Layout(NamedTuple):
     soft_wrench: bool
     pulls: bool = False
     internals: int = 0
+    cone_weights: bool = False
 
     @property
     def sizes(self) -> dict[str, int]:

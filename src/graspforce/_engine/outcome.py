@@ -74,7 +74,7 @@ class Outcome(Protocol):
 
     @property
     def decrement(self) -> float:
-        """Certified bound on the Newton decrement at c, for Phi / min(1, alpha)."""
+        """Certified bound on the Newton decrement at c, for Phi over its unit."""
         ...
 
     @property

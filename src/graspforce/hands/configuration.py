@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
 from graspforce.contact import Contact
+from graspforce.equations import undetermined
 from graspforce.hands.hand import Actuation
 from graspforce.hands.limits import DriveLimit, as_tau_max, has_motor, limits
 from graspforce.hands.transmission import RANK_TOLERANCE, Transmission
@@ -47,6 +48,14 @@ class Configuration(Protocol):
 
     def position(self, link: str) -> Array:
         """Return a link's origin, shape (3,) [m], in the hand's frame."""
+        ...
+
+    def chain(self, link: str) -> Array:
+        """Return where the joints are that move a link, and the link, from the base.
+
+        Returns:
+            shape (k, 3) [m], in the hand's frame.
+        """
         ...
 
     def bias(self) -> Array:
@@ -119,10 +128,21 @@ def notes_of(
 
 
 def idle_notes(idle: Sequence[str]) -> list[str]:
-    """Say which motors the file gives no torque, a sentence each."""
+    """Say which motors the file gives no torque, one sentence for all."""
+    if not idle:
+        return []
+    names = ", ".join(map(repr, idle))
+    return [f"the file gives {names} no torque at all: taken as without a motor; tau_max gives one"]
+
+
+def undetermined_notes(W: Array, passive_rows: Array, J: Array) -> list[str]:
+    """Say how many components of c only the physics chooses, a sentence where there are any."""
+    count, m = undetermined(np.vstack((W, passive_rows)), J), W.shape[1]
+    if not count:
+        return []
     return [
-        f"the file gives {name!r} no torque at all: taken as without a motor; tau_max gives it one"
-        for name in idle
+        f"{count} of {m} force components are undetermined: neither W c = f nor the torques fix "
+        "them, so the motors cannot tell; they and the margins that they are in are as asked"
     ]
 
 
@@ -207,15 +227,18 @@ def _connected(together: NDArray[np.bool_]) -> list[list[int]]:
 
 
 def _uncontrolled(transmission: Transmission, dof_names: Sequence[str]) -> list[str]:
-    """Say which motions no drive takes part in, a sentence for each set of joints."""
+    """Say which motions no drive takes part in, one sentence for all sets of joints."""
     projector = transmission.free @ transmission.free.T
-    sentences: list[str] = []
+    sets: list[str] = []
     for members in _connected(np.abs(projector) > 1e-9):
         names = ", ".join(repr(dof_names[i]) for i in members)
         count = round(float(np.trace(projector[np.ix_(members, members)])))
-        what = names if count == len(members) else f"{count} of {len(members)} motions of {names}"
-        sentences.append(
-            f"no motor controls {what}: only contact forces that leave this unloaded can be held "
-            f"(passive_rows)"
+        sets.append(
+            names if count == len(members) else f"{count} of {len(members)} motions of {names}"
         )
-    return sentences
+    if not sets:
+        return []
+    return [
+        f"no motor controls {'; '.join(sets)}: only contact forces that leave this unloaded can be "
+        "held (passive_rows)"
+    ]

@@ -20,6 +20,7 @@ from graspforce.hands.configuration import (
     idle_notes,
     loaded_motions,
 )
+from graspforce.hands.limits import DriveLimit
 
 
 class Robot(Protocol):
@@ -33,6 +34,11 @@ class Robot(Protocol):
     @property
     def links(self) -> tuple[str, ...]:
         """Names of everything that a contact can be on."""
+        ...
+
+    @property
+    def limits(self) -> tuple[tuple[DriveLimit, str], ...]:
+        """The file's limits of the drives, and which of its numbers they come from."""
         ...
 
     def configuration(self, q: Array) -> Configuration:

@@ -295,7 +295,7 @@ def friction_margins(c: Array, models: Sequence[ContactModel]) -> Array:
 
 
 def decrement(c: Array, problem: ForceProblem) -> float:
-    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}; inf outside."""
+    """Newton decrement at c of Phi over its unit on {W c = f}; inf outside."""
     return decrement_and_error(c, problem)[0]
 
 

@@ -99,7 +99,10 @@ class Solution(native.SolutionBase):
 
     @property
     def decrement(self) -> float:
-        """Certified bound on the Newton decrement at c, for Phi / min(1, alpha); or inf."""
+        """Certified bound on the Newton decrement at c, for Phi over its unit; or inf.
+
+        The unit is the least of alpha, the weights of the cones and 1.
+        """
         return self._outcome.decrement
 
     @property
@@ -119,7 +122,9 @@ class Solution(native.SolutionBase):
         With the decrement bounded by λ₁ < 1, a standard self-concordant function is within
         −λ₁ − ln(1 − λ₁) of its minimum.
         """
-        return min(1.0, self.problem.alpha) * equations.suboptimality(self._outcome.decrement)
+        inner = self.problem.restricted()
+        unit = min(1.0, inner.alpha, *inner.cone_weight.tolist())
+        return unit * equations.suboptimality(self._outcome.decrement)
 
     @property
     def violation(self) -> float:
@@ -145,7 +150,7 @@ class Solution(native.SolutionBase):
             case Status.SOLVED:
                 return (
                     f"solved in {self.newton_steps} Newton steps; "
-                    f"Phi is within {self.suboptimality:.1e} of its minimum"
+                    f"Phi is within {self.suboptimality:.1e} of its minimum{self._as_asked()}"
                 )
             case Status.INFEASIBLE:
                 return (
@@ -168,6 +173,15 @@ class Solution(native.SolutionBase):
                 return "rounding stopped the progress before a verdict could be certified"
             case Status.INVALID_NUMBERS:
                 return "the problem's numbers overflow in double precision; rescale them"
+
+    def _as_asked(self) -> str:
+        count = self.problem.undetermined
+        if not count:
+            return ""
+        return (
+            f"; {count} of {self.problem.m} force components are as asked: neither W c = f nor "
+            "the torques determine them"
+        )
 
     def raise_if_failed(self) -> None:
         """Raise unless SOLVED.
@@ -262,8 +276,9 @@ class Solution(native.SolutionBase):
         """Margins mu n − ‖tangential force‖, shape (n,) [N]; negative where a contact slips.
 
         FPC: the normal force. SFC: the torsion counts as (mu/gamma)·torsion. n is the normal force
-        and what the contact pulls with (``pull``). A contact that is
-        out of the grasp has no margin: inf.
+        and what the contact pulls with (``pull``). A contact that is out of the grasp has no
+        margin: inf. Where ``problem.undetermined`` is above 0, margins are those of the forces
+        asked for: other forces take the same wrench and torques.
         """
         margins = equations.friction_margins(self._loaded, self.problem.cones)
         return np.where(self.problem.active, margins, np.inf)

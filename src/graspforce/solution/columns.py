@@ -215,7 +215,8 @@ class _Chunk:
         self.data = layout.views(np.array([each.problem.packed for each in solutions]))
         shift = preload(layout, self.data)[..., : self.c.shape[-1]]
         self.loaded = self.c + shift  # what the ordinary cones hold
-        self.cones = Cones.of(layout.dims, self.data["mu"], self.data["gamma"])
+        weight = self.data["cone_weight"] if layout.cone_weights else None
+        self.cones = Cones.of(layout.dims, self.data["mu"], self.data["gamma"], weight)
 
     def tau(self) -> Array:
         forces = np.concatenate((self.c, self.internal_forces), axis=1)

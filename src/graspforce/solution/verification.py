@@ -37,8 +37,11 @@ class Verification:
         wrench_error: largest |W c − f| [N, N·m].
         friction_margin: smallest of the friction margins [N].
         limit_margin: smallest slack of the linear limits, in each limit's own unit.
-        decrement: Newton decrement of Phi / min(1, alpha) at c, from NumPy; inf outside.
+        decrement: Newton decrement of Phi over its unit at c, from NumPy; inf outside.
         certificate_holds: the certificate proves infeasibility; None when there is none.
+        undetermined: how many components of c neither W c = f nor the torques determine: they, and
+            what of the friction margin is theirs, are as asked, and need not come about. 0
+            without J.
     """
 
     ok: bool
@@ -47,6 +50,7 @@ class Verification:
     limit_margin: float
     decrement: float
     certificate_holds: bool | None
+    undetermined: int
 
 
 def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
@@ -89,7 +93,13 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
                 ok = equations.may_overflow(problem.packed)
         wrench_error = float(equations.wrench_error(whole[: problem.m], problem.W, problem.f))
     return Verification(
-        bool(ok and bounded and well_formed), wrench_error, friction, limits, decrement, holds
+        bool(ok and bounded and well_formed),
+        wrench_error,
+        friction,
+        limits,
+        decrement,
+        holds,
+        problem.undetermined,
     )
 
 

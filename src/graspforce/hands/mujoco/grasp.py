@@ -15,10 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array, as_tuple, came, index_of
-from graspforce.contact import Contact, ContactModel, as_contacts
+from graspforce.contact import Contact, ContactModel, as_contacts, patch_weights
 from graspforce.errors import InvalidInputError, warn
 from graspforce.grasp_map import map_about
-from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    Motors,
+    choose_motors,
+    notes_of,
+    undetermined_notes,
+    warnings_of,
+)
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.limits import as_tau_max, has_motor
@@ -234,7 +240,7 @@ class MujocoGrasp:
             notes.append(
                 "the simulation's friction pyramids lie inside the exact cones of the grasp"
             )
-        return tuple(notes)
+        return (*notes, *undetermined_notes(self.W, self.passive_rows, self.J))
 
     @property
     def object_name(self) -> str:
@@ -265,6 +271,11 @@ class MujocoGrasp:
     def normals(self) -> Array:
         """The contacts' unit normals into the object, shape (n, 3)."""
         return self._contacts.axes[:, 0]
+
+    @property
+    def cone_weight(self) -> Array:
+        """Weights of the cones, shape (n,): points of one patch share 1, as in a Grasp."""
+        return patch_weights(self.normals, self.links)
 
     def jacobian(self, contacts: Sequence[Contact], links: Sequence[str | int]) -> Array:
         """Return J of contacts that do not come from MuJoCo: measured or planned ones.

@@ -370,6 +370,15 @@ class MujocoConfiguration:
         origins = self._data.xpos if kind == "body" else self._data.site_xpos
         return np.array(origins[index])
 
+    def chain(self, link: str) -> Array:
+        """Return where the joints are that move a link, and the link, from the base, (k, 3) [m]."""
+        body, places = body_of(self._model, link), [self.position(link)]
+        while body:
+            first, count = int(self._model.body_jntadr[body]), int(self._model.body_jntnum[body])
+            places += [np.array(self._data.xanchor[first + i]) for i in reversed(range(count))]
+            body = int(self._model.body_parentid[body])
+        return np.array(places[::-1])
+
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""
         return bias_forces(self._model, self._data)[self._dofs]
