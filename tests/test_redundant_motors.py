@@ -338,3 +338,117 @@ def test_internal_forces_do_no_work_and_the_others_carry_every_load(seed):
     for row in internal:
         alone = (internal != 0).sum(axis=0) == 1
         assert (alone & (row == 1) & ~driven.any(axis=0)).any()
+
+
+# ---- every kind of motor, through both doors ----------------------------------------------------
+
+KINDS_OF_MOTORS = {
+    "motor": '<motor tendon="{}" gear="20" ctrllimited="true" ctrlrange="-2 0"/>',
+    "position": '<position tendon="{}" kp="1000" forcerange="-40 0"/>',
+    "cylinder": '<cylinder tendon="{}" area="2" ctrlrange="-20 0"/>',
+    "muscle": '<muscle tendon="{}" force="40" lengthrange=".01 .1"/>',
+    "limited": '<general tendon="{}" ctrlrange="-9 9" gainprm="20"/>',
+}
+
+
+def held_box(tendons, motor):
+    """A box of 50 g between two such fingers, with fixed tendons or with ones through sites."""
+    fingers, ropes = "", ""
+    for name, x in (("l", -0.03), ("r", 0.03)):
+        inward = 0.006 if x < 0 else -0.006
+        fingers += (
+            f'<body name="f{name}" pos="{x} 0 0"><joint name="j{name}" axis="0 1 0"/>'
+            '<geom type="capsule" fromto="0 0 0 0 0 .06" size=".004" mass=".02"/>'
+            f'<site name="p{name}" pos=".01 0 .02"/><site name="m{name}" pos="-.01 0 .02"/>'
+            f'<geom type="sphere" size=".005" pos="{inward} 0 .06" friction=".8" mass=".001"/>'
+            f'<site name="tip{name}" pos="{inward} 0 .06"/></body>'
+            f'<site name="gp{name}" pos="{x + 0.01} 0 -.02"/>'
+            f'<site name="gm{name}" pos="{x - 0.01} 0 -.02"/>'
+        )
+        for side, sign in (("p", 1), ("m", -1)):
+            ropes += fixed(side + name, f"j{name}", 0.01 * sign) if tendons == "fixed" else (
+                f'<spatial name="{side}{name}"><site site="g{side}{name}"/>'
+                f'<site site="{side}{name}"/></spatial>'
+            )  # fmt: skip
+    actuators = "".join(KINDS_OF_MOTORS[motor].format(name) for name in ("pl", "ml", "pr", "mr"))
+    if motor == "limited":  # by the tendon
+        ropes = ropes.replace("name=", 'actuatorfrclimited="true" actuatorfrcrange="-40 0" name=')
+    return mujoco.MjModel.from_xml_string(
+        '<mujoco><option gravity="0 0 -9.81" cone="elliptic"/><worldbody><body name="box" '
+        'pos="0 0 .06"><freejoint/><geom type="box" size=".0195 .02 .02" mass=".05" '
+        f'friction=".8"/></body>{fingers}</worldbody><tendon>{ropes}</tendon>'
+        f"<actuator>{actuators}</actuator></mujoco>"
+    )
+
+
+@pytest.mark.parametrize("tendons", ["fixed", "spatial"])
+@pytest.mark.parametrize("motor", KINDS_OF_MOTORS)
+def test_every_kind_of_motor_that_pulls_holds_through_both_doors(tendons, motor):
+    model = held_box(tendons, motor)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    seen = gf.Grasp.from_mujoco(model, data, "box")
+    hand = gf.hands.from_mjcf(model, ["tipl", "tipr"])
+    read = gf.Grasp(
+        seen.contacts, hand.touching([f"tip{link[1:]}" for link in seen.links]), [0, 0],
+        origin=seen.origin,
+    )  # fmt: skip
+    assert seen.joint_names == ("pl", "ml", "pr", "mr")
+    assert (seen.tau_lo.tolist(), seen.tau_hi.tolist()) == ([-40] * 4, [0] * 4)
+    for name in ("joint_names", "J", "internal", "tau_lo", "tau_hi", "tau_bias"):
+        assert np.array_equal(getattr(seen, name), getattr(read, name))
+    # 40 N at 1 cm make 0.4 N·m. The push takes 6 cm of arm; the load, a half on each finger, helps
+    # with 1.05 cm: at the most L·(.06/1.6 − .0105/2) = 0.4, but for the fingers' own weight.
+    for load, status in (
+        (0.5, gf.Status.SOLVED),
+        (12.0, gf.Status.SOLVED),
+        (12.8, gf.Status.INFEASIBLE),
+    ):
+        for grasp in (seen, read):
+            solution = gf.solve(grasp.problem([0, 0, load, 0, 0, 0]))
+            assert solution.status is status
+            assert solution.verify().ok
+
+
+def test_two_motors_close_a_pair_of_coupled_jaws():
+    jaws = "".join(
+        f'<body name="{name}" pos="{x} 0 0"><joint name="j{name}" type="slide" axis="{way} 0 0"/>'
+        '<geom type="box" size=".01 .01 .01" mass=".05" friction=".8"/></body>'
+        for name, x, way in (("a", -0.0299, 1), ("b", 0.0299, -1))
+    )
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option gravity="0 0 0" cone="elliptic"/><worldbody><body name="box"><freejoint/>'
+        '<geom type="box" size=".02 .02 .02" mass=".1" friction=".8"/></body>' + jaws +
+        '</worldbody><equality><joint joint1="ja" joint2="jb" polycoef="0 1 0 0 0"/></equality>'
+        '<actuator><motor joint="ja" ctrllimited="true" ctrlrange="-2 6"/>'
+        '<motor joint="jb" ctrllimited="true" ctrlrange="0 9"/></actuator></mujoco>'
+    )  # fmt: skip
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    grasp = gf.Grasp.from_mujoco(model, data, "box")
+    # Together 15 N, half of them on each jaw, .8 of that twice.
+    for load, status in ((11.9, gf.Status.SOLVED), (12.1, gf.Status.INFEASIBLE)):
+        solution = gf.solve(grasp.problem([0, 0, load, 0, 0, 0]))
+        assert solution.status is status
+    assert len(grasp.internal) == 1
+
+
+def test_a_servo_on_a_reader_follows_moment_arms():
+    model = held_box("spatial", "motor")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    reader = gf.hands.MujocoGrasp(model, data, "box")
+    f = np.array([0, 0, 0.05 * 9.81, 0, 0, 0])
+    servo = gf.Servo(gf.Grasp.from_mujoco(model, data, "box").problem(f))
+    first = np.array(reader.internal)
+    for turn in np.linspace(0, 0.02, 10):
+        data.joint("jl").qpos, data.joint("jr").qpos = turn / 10, -turn / 30
+        mujoco.mj_forward(model, data)
+        reader.update(data)
+        solution = servo.step(
+            W=reader.W, J=reader.J, internal=reader.internal, tau_bias=reader.tau_bias
+        )
+        assert solution.status is gf.Status.SOLVED
+        cold = gf.solve(gf.Grasp.from_mujoco(model, data, "box").problem(f))
+        np.testing.assert_allclose(solution.motor_forces, cold.motor_forces, atol=1e-3)
+    assert not np.array_equal(first, reader.internal)
