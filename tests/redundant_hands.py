@@ -132,7 +132,8 @@ def random_hand(rng) -> RedundantHand:
                     continue
                 tendons.append(f'<fixed name="t{i}{k}">{parts}</fixed>')
             actuators.append(
-                f'<motor {where} gear="{gear!r}" ctrllimited="true" ctrlrange="{ends[0]!r} {ends[1]!r}"/>'
+                f'<motor {where} gear="{gear!r}" ctrllimited="true" '
+                f'ctrlrange="{ends[0]!r} {ends[1]!r}"/>'
             )
             columns.append(np.concatenate((np.zeros(first), row, np.zeros(dofs - first - size))))
             los.append(lo)

@@ -28,7 +28,7 @@ def test_the_snippets_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     session: dict[str, object] = {}
     snippets = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.S | re.M)
-    assert len(snippets) == 8
+    assert len(snippets) == 9
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for code in snippets:

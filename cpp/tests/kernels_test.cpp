@@ -216,7 +216,9 @@ int main() {
   Random random(5);
   int compared = 0, kernels[7] = {}, close = 0;
   for (int trial = 0; trial < 3000; ++trial) {
-    const Layout layout = random_layout(random, 12);
+    Layout layout = random_layout(random, 12);
+    layout.pulls = false;  // which kernels do not see
+    layout.internals = 0;  // which general blocks alone have
     RandomGrasp grasp(random, layout);
     if (random.chance(0.2)) grasp.couple(random);
     if (layout.ceilings && random.chance(0.3))

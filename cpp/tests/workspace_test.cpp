@@ -39,7 +39,8 @@ static void layouts_are_told_apart() {
     layout.*flag = true;
     EXPECT(&workspace.engine(layout) != &workspace.engine(plain));
   }
-  for (int Layout::* size : {&Layout::wrench_rows, &Layout::joints, &Layout::inequalities}) {
+  for (int Layout::* size :
+       {&Layout::wrench_rows, &Layout::joints, &Layout::inequalities, &Layout::internals}) {
     layout = plain;
     layout.*size += 1;
     EXPECT(workspace.engine(layout).layout() == layout && !(layout == plain));

@@ -735,7 +735,7 @@ def _projected_length(c: Array, W: Array, G: Array, gamma: Array) -> tuple[float
         left = left - basis @ (basis.T @ left)
     condition = float(np.linalg.cond(Z) * strengths[0] / strengths[rank - 1]) if rank else 1.0
     turned = 16 * len(c) * condition * float(np.linalg.norm(along))
-    moved = 64 * float(np.linalg.norm(np.abs(G) @ np.abs(c)))
+    moved = 64 * float(np.linalg.norm(np.abs(G) @ np.abs(c)) + np.linalg.norm(gamma))
     return float(np.linalg.norm(left)), np.finfo(float).eps * (turned + moved)
 
 
