@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         regrasp,
         scenarios,
         sim,
+        soles,
         trajectory,
     )
     from graspforce import warp as warp
@@ -96,6 +97,7 @@ __all__ = [
     "regrasp",
     "scenarios",
     "sim",
+    "soles",
     "solve",
     "trajectory",
 ]
@@ -104,7 +106,17 @@ __all__ = [
 # __all__: it needs its extra, and a star import must not.
 _LAZY = {
     name: f"graspforce.{name}"
-    for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
+    for name in (
+        "baselines",
+        "files",
+        "hands",
+        "regrasp",
+        "scenarios",
+        "sim",
+        "soles",
+        "trajectory",
+        "warp",
+    )
 } | {"figures": "graspforce.study.figures"}
 
 
