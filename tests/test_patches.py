@@ -137,3 +137,61 @@ def test_columns_weigh_as_the_problem_does():
     from graspforce.solution.columns import Columns
 
     np.testing.assert_allclose(Columns(solutions).phi, [each.phi for each in solutions])
+
+
+def pads(left, right):
+    """A box between two jaws of so many tiles by so many, squeezed in MuJoCo until it rests."""
+    mujoco = pytest.importorskip("mujoco")
+
+    def jaw(side, tiles):
+        half = 0.012 / tiles
+        places = [-0.012 + half + 2 * half * i for i in range(tiles)]
+        geoms = "".join(
+            f'<geom type="box" size="{half} .004 {half}" pos="{x} 0 {z}" mass=".02"/>'
+            for x in places
+            for z in places
+        )
+        return f"""<body name="jaw{side}" pos="0 {0.03 * side} 0">
+          <joint name="slide{side}" type="slide" axis="0 {-side} 0" damping="5"/>{geoms}</body>"""
+
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>
+      <option cone="elliptic" timestep=".001" integrator="implicitfast" gravity="0 0 0"/>
+      <default><geom friction=".8" solref=".004 1"/></default><worldbody>
+      {jaw(1, left)}{jaw(-1, right)}
+      <body name="box"><freejoint/><geom type="box" size=".02 .02 .02" mass=".2"/></body>
+      </worldbody><actuator><motor joint="slide1" ctrlrange="-100 100"/>
+      <motor joint="slide-1" ctrlrange="-100 100"/></actuator></mujoco>""")
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 5
+    mujoco.mj_step(model, data, 300)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def test_a_simulator_s_points_do_not_change_the_grip():
+    squeezes, points = [], []
+    for tiles in ((1, 1), (2, 2), (1, 3)):
+        model, data = pads(*tiles)
+        grasp = gf.Grasp.from_mujoco(model, data, "box")
+        reader = gf.hands.MujocoGrasp(model, data, "box")
+        np.testing.assert_array_equal(reader.cone_weight, grasp.cone_weight)
+        assert grasp.cone_weight.sum() == pytest.approx(2)  # two patches
+        points.append(len(grasp.contacts))
+        squeezes.append(gf.solve(grasp.problem([0, 0, 1.96, 0, 0, 0]), check=True).tau[0])
+    assert min(points) * 4 <= max(points)
+    assert max(squeezes) / min(squeezes) < 1.01
+    each = grasp.problem([0, 0, 1.96, 0, 0, 0], cone_weight=1.0)
+    assert gf.solve(each).tau[0] > 1.3 * squeezes[0]
+
+
+def test_the_links_of_a_hand_from_a_file_make_patches(tmp_path):
+    from models import paper_hand_xml
+
+    pytest.importorskip("mujoco")
+    path = tmp_path / "hand.xml"
+    path.write_text(paper_hand_xml())
+    hand = gf.hands.from_mjcf(path, ["tip1", "tip2"]).touching(["tip1", "tip1", "tip2"])
+    contacts = [gf.Contact([0.03 * i, 0, 0.1], [0, 0, 1], gf.PCWF(0.5)) for i in range(3)]
+    grasp = gf.Grasp(contacts, hand, np.zeros(len(hand.q_names)))
+    np.testing.assert_array_equal(grasp.cone_weight, [0.5, 0.5, 1])
+    np.testing.assert_array_equal(gf.Grasp(contacts).cone_weight, 1)  # no links are known
