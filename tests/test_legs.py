@@ -39,14 +39,17 @@ def joint(name, parent, child, at, axis=None, effort=200.0):
       <limit effort="{effort}" velocity="20" lower="-3" upper="3"/></joint>"""
 
 
+def robot(parts):
+    return f'<robot name="r">{"".join(parts)}</robot>'
+
+
 def built(parts, floats=True):
-    text = f'<robot name="r">{"".join(parts)}</robot>'
     base = (pin.JointModelFreeFlyer(),) if floats else ()
-    return pin.buildModelFromXML(text, *base)
+    return pin.buildModelFromXML(robot(parts), *base)
 
 
-def quadruped():
-    """Hips 0.376 m and 0.094 m apart, 0.08 m abduction, 0.213 m thighs and shanks; its posture."""
+def quadruped_parts():
+    """Hips 0.376 m and 0.094 m apart, 0.08 m abduction, 0.213 m thighs and shanks."""
     parts = [link("trunk", 5.2, (0.02, 0, 0))]
     for foot, x, y in zip(FEET, (1, 1, -1, -1), (1, -1, 1, -1), strict=True):
         leg = foot[:2]
@@ -58,13 +61,18 @@ def quadruped():
             joint(f"{leg}_knee", f"{leg}_thigh", f"{leg}_shank", (0, 0, -0.213), "0 1 0", 36),
             joint(f"{leg}_end", f"{leg}_shank", foot, (0, 0, -0.213)),
         ]  # fmt: skip
-    model = built(parts)
+    return parts
+
+
+def quadruped():
+    """The quadruped and a posture."""
+    model = built(quadruped_parts())
     q = pin.neutral(model)
     q[7:] = [0.1, 0.7, -1.4, -0.1, 0.8, -1.5, 0.05, 0.75, -1.4, 0, 0.7, -1.45]
     return model, q
 
 
-def biped():
+def biped_parts():
     """Six joints a leg, thighs and shanks of 0.2 m, soles of 0.2 by 0.1 m."""
     parts = [link("pelvis", 12.0, (0, 0, 0.15))]
     for side, y in (("l", 0.06), ("r", -0.06)):
@@ -76,7 +84,12 @@ def biped():
             parts += [link(name, 0.5), joint(f"{name}_joint", parent, name, place, axis)]
         parts += [link(f"{side}_sole", 0.2), joint(f"{side}_end", names[-1], f"{side}_sole",
                                                     (0.02, 0, -0.05))]  # fmt: skip
-    model = built(parts)
+    return parts
+
+
+def biped():
+    """The biped and a posture."""
+    model = built(biped_parts())
     q = pin.neutral(model)
     q[7:] = [0, 0, -0.3, 0.6, -0.3, 0] * 2
     return model, q
@@ -273,8 +286,12 @@ def arm(name, y, turn):
                                                       (0, 0.082 * turn, 0))]  # fmt: skip
 
 
+def two_arms_parts():
+    return [link("base", 20), *arm("a", 0.45, -1), *arm("b", -0.45, 1)]
+
+
 def test_two_arms_carry_a_box(rng):
-    model = built([link("base", 20), *arm("a", 0.45, -1), *arm("b", -0.45, 1)], floats=False)
+    model = built(two_arms_parts(), floats=False)
     q = np.array([0.1, 0.8, 0.9, 0.3, 0.1, 0, -0.1, 0.8, 0.9, 0.3, -0.1, 0])
     v = rng.normal(size=12)
     at = [each.translation for each in placements(model, q, ["a_hand", "b_hand"])]
