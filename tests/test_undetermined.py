@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import graspforce as gf
+from graspforce import equations, guaranteed
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -101,3 +102,74 @@ def test_differences_by_rounding_determine_nothing():
     J[[0, 3], 0], J[6, 1] = 1, 1
     problem = gf.ForceProblem(W, np.zeros(6), gf.PCWF(0.5), J=J, tau_lo=-9, tau_hi=9)
     assert problem.undetermined == 9 - np.linalg.matrix_rank(np.vstack((np.round(W, 6), J.T)))
+
+
+# ---- what is guaranteed ------------------------------------------------------------------------
+
+
+def squeezed(models):
+    """A box between two jaws with a slide each, two contacts on the one and one on the other."""
+    points = [[0.02, 0, 0.01], [0.02, 0, -0.01], [-0.02, 0, 0]]
+    contacts = [
+        gf.Contact(point, [-np.sign(point[0]), 0, 0], model, [0, 1, 0])
+        for point, model in zip(points, models, strict=True)
+    ]
+    W = gf.grasp_map(contacts)
+    starts = np.cumsum([0] + [model.dim for model in models])
+    J = np.zeros((W.shape[1], 2))
+    J[starts[:2], 0], J[starts[2], 1] = 1, 1
+    return gf.ForceProblem(W, [0, 0, 1, 0, 0, 0], models, J=J, tau_lo=-20, tau_hi=20)
+
+
+def test_margins_that_are_determined_are_guaranteed(rng):
+    pytest.importorskip("clarabel")
+    models = [gf.PCWF(0.5), gf.SFC(0.5, 0.01), gf.FPC(), gf.PCWF(0.7)]
+    contacts = [
+        gf.Contact([np.cos(a), np.sin(a), 0], [-np.cos(a), -np.sin(a), 0], model)
+        for a, model in zip((0, 2, 4, 5), models, strict=True)
+    ]
+    W = gf.grasp_map(contacts)
+    problem = gf.ForceProblem(
+        W, [0, 0, 1, 0, 0, 0], models, J=rng.normal(size=(11, 12)), tau_lo=-50, tau_hi=50
+    )
+    assert problem.undetermined == 0
+    solution = gf.solve(problem, check=True)
+    bounds, margins = guaranteed.friction_margins(solution), solution.friction_margins
+    tangents = problem.mu * solution.normal_forces - margins
+    # ‖t‖ is overestimated by at most 2 % and 7 %.
+    assert (bounds <= margins).all()
+    assert (bounds >= margins - np.array([0.02, 0.07, 1e-6, 0.02]) * tangents - 1e-6).all()
+
+
+# The jaw with one contact presses with what the motors say; of a soft finger they leave torsion open.
+@pytest.mark.parametrize(("model", "least"), [(gf.PCWF(0.5), 1.0), (gf.SFC(0.5, 0.01), 0.0)])
+def test_guaranteed_margins_are_below_those_of_all_forces_that_the_motors_allow(model, least, rng):
+    pytest.importorskip("clarabel")
+    problem = squeezed([model] * 3)
+    assert problem.undetermined > 0
+    solution = gf.solve(problem, check=True)
+    bounds = guaranteed.friction_margins(solution)
+    assert (bounds >= [0, 0, least]).all()
+    rows = np.vstack((problem.W, problem.J.T))
+    free = np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :]
+    tried = solution.c + 3 * rng.normal(size=(3000, len(free))) @ free
+    inside = tried[equations.inside_cones(tried, problem.cones)]
+    assert len(inside) > 50
+    assert (equations.friction_margins(inside, problem.cones).min(axis=0) >= bounds - 1e-7).all()
+
+
+def test_guarantees_leave_out_contacts_that_have_left():
+    pytest.importorskip("clarabel")
+    problem = squeezed([gf.PCWF(0.5)] * 3).replace(c_max=30.0, engagement=[1, 0, 1])
+    problem = problem.replace(f=[0, 0, 0, 0, 0, 0], f_soft=[0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
+    bounds = guaranteed.friction_margins(gf.solve(problem, check=True))
+    assert np.isinf(bounds[1])
+    assert np.isfinite(bounds[[0, 2]]).all()
+
+
+def test_forces_outside_the_cones_guarantee_nothing():
+    pytest.importorskip("clarabel")
+    failed = gf.solve(squeezed([gf.PCWF(0.5)] * 3).replace(f=[0, 0, 1e3, 0, 0, 0]))
+    assert failed.status is gf.Status.INFEASIBLE
+    with pytest.raises(gf.InvalidInputError, match="outside the cones"):
+        guaranteed.friction_margins(failed)

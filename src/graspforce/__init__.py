@@ -51,6 +51,7 @@ if TYPE_CHECKING:
         baselines,
         equations,
         files,
+        guaranteed,
         hands,
         reference,
         regrasp,
@@ -92,6 +93,7 @@ __all__ = [
     "figures",
     "files",
     "grasp_map",
+    "guaranteed",
     "hands",
     "reference",
     "regrasp",
@@ -109,6 +111,7 @@ _LAZY = {
     for name in (
         "baselines",
         "files",
+        "guaranteed",
         "hands",
         "regrasp",
         "scenarios",
