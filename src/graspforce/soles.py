@@ -91,8 +91,8 @@ def as_one(problem: ForceProblem, soles: Mapping[int, Sequence[int]]) -> ForcePr
         rows.append(row)
     A = np.vstack((problem.A @ move, *rows))
     b = np.append(problem.b, np.zeros(len(rows)))
-    W, J = problem.W @ move, move.T @ problem.J if problem.layout.joints else None
-    return ForceProblem(**(problem.arguments() | {"W": W, "J": J, "A": A, "b": b}))
+    moved = problem.replace(W=problem.W @ move, A=A, b=b)
+    return moved.replace(J=move.T @ problem.J) if problem.layout.joints else moved
 
 
 def _contact(number: int, problem: ForceProblem) -> int:
