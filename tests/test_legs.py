@@ -186,6 +186,9 @@ def test_normals_up_under_a_floating_robot_are_taken_as_what_carries_it():
     box = [gf.Contact(point + np.array([0.6, 0, 0.5]), (0, 0, 1), gf.PCWF(0.7)) for point in at[2:]]
     carried = gf.Grasp.from_pinocchio(model, q, box, FEET[2:], tau_max=30)
     assert carried.load is None
+    # One on its back, above its centre of mass.
+    over = [gf.Contact(point + np.array([0, 0, 0.9]), (0, 0, 1), gf.PCWF(0.7)) for point in at]
+    assert gf.Grasp.from_pinocchio(model, q, over, FEET, tau_max=30).load is None
 
 
 def test_what_cannot_stand_is_refused():

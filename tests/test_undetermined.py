@@ -174,3 +174,13 @@ def test_forces_outside_the_cones_guarantee_nothing():
     assert failed.status is gf.Status.INFEASIBLE
     with pytest.raises(gf.InvalidInputError, match="outside the cones"):
         guaranteed.friction_margins(failed)
+
+
+@pytest.mark.parametrize(("axes", "most"), [(2, 1.02), (3, 1.07)])
+def test_the_directions_of_slipping_leave_none_out(axes, most, rng):
+    pytest.importorskip("scipy")
+    directions = guaranteed._directions(axes)
+    t = rng.normal(size=(5000, axes))
+    largest = (t @ directions.T).max(axis=1) / np.linalg.norm(t, axis=1)
+    assert largest.min() >= 1 - 1e-12
+    assert largest.max() <= most
