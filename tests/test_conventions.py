@@ -14,7 +14,7 @@ import pytest
 from grasps import plant
 
 import graspforce as gf
-from graspforce import regrasp, trajectory
+from graspforce import equations, regrasp, trajectory
 
 PAGE = Path(__file__).parents[1] / "docs" / "conventions.md"
 
@@ -429,3 +429,17 @@ def test_31_internal_forces_of_motors():
     impossible = gf.solve(problem.replace(f=[18.0]))
     e = impossible.problem.linear_limits()[0].T @ impossible.certificate.z
     assert e[1] == pytest.approx(0, abs=1e-12)
+
+
+def test_32_points_of_one_patch_share_a_weight(rng):
+    problem = plant(rng, ["PCWF"] * 4).problem
+    c = gf.solve(problem).c
+    weighted = problem.replace(cone_weight=[1, 0.5, 0.25, 0.25])
+    found = gf.solve(weighted)
+    margins = (problem.mu * c[::3]) ** 2 - (c.reshape(4, 3)[:, 1:] ** 2).sum(axis=1)
+    change = (np.array([0, 0.5, 0.75, 0.75]) * np.log(margins)).sum()
+    assert weighted.barriers.unit == 0.25
+    phi = equations.objective(c, weighted.barriers)
+    assert phi == pytest.approx(gf.solve(problem).phi + change)
+    assert found.phi < phi
+    assert found.verify().ok

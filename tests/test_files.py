@@ -270,7 +270,8 @@ def test_files_schema_is_valid_and_describes_what_the_reader_reads():
     schema = files.schema()
     Draft202012Validator.check_schema(schema)
     arguments = {"f", "W", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement"}
-    arguments |= {"f_soft", "internal", "c_last", "dc_max", "A", "b", "alpha", "models"}
+    arguments |= {"f_soft", "internal", "cone_weight", "c_last", "dc_max", "A", "b", "alpha"}
+    arguments |= {"models"}
     keys = set(schema["$defs"]["grasp"]["properties"])
     assert keys - arguments == {"$schema", "comment", "name", "contacts", "origin"}
     assert arguments == set(gf.ForceProblem([[1.0]], [1], gf.FPC()).arguments())

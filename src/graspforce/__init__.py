@@ -51,11 +51,13 @@ if TYPE_CHECKING:
         baselines,
         equations,
         files,
+        guaranteed,
         hands,
         reference,
         regrasp,
         scenarios,
         sim,
+        soles,
         trajectory,
     )
     from graspforce import warp as warp
@@ -91,11 +93,13 @@ __all__ = [
     "figures",
     "files",
     "grasp_map",
+    "guaranteed",
     "hands",
     "reference",
     "regrasp",
     "scenarios",
     "sim",
+    "soles",
     "solve",
     "suction_cup",
     "trajectory",
@@ -105,7 +109,18 @@ __all__ = [
 # __all__: it needs its extra, and a star import must not.
 _LAZY = {
     name: f"graspforce.{name}"
-    for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
+    for name in (
+        "baselines",
+        "files",
+        "guaranteed",
+        "hands",
+        "regrasp",
+        "scenarios",
+        "sim",
+        "soles",
+        "trajectory",
+        "warp",
+    )
 } | {"figures": "graspforce.study.figures"}
 
 

@@ -36,8 +36,8 @@ ROUNDING = 2e-15
 # A direction of the wrench that W, in rows of unit length, reaches by less than this is out of
 # reach to rounding; fainter ones than 1e-10 may be counted either way.
 RANK_TOLERANCE = 1e-13
-# Singular values of W and J, their rows of unit length, below which only contact points that differ
-# by rounding tell contacts apart.
+# Singular values of W and J below this share of the largest are of contact points that differ by
+# rounding: a row of it alone must not be scaled up.
 UNDETERMINED = 1e-9
 # Forces this many times as large as what the limits are made for mean that nothing holds them.
 RUNAWAY = 1e6
@@ -646,10 +646,8 @@ def undetermined(W: Array, J: Array) -> int:
         W: grasp map of one problem, shape (k, m).
         J: hand Jacobian, shape (m, n_joints).
     """
-    rows = np.vstack((W, J.T))
-    size = np.linalg.norm(rows, axis=1, keepdims=True)
-    unit = rows / np.where(size > 0, size, 1.0)
-    return rows.shape[1] - int(np.linalg.matrix_rank(unit, tol=UNDETERMINED))
+    sizes = np.linalg.svd(np.vstack((W, J.T)), compute_uv=False)
+    return W.shape[1] - int((sizes > UNDETERMINED * sizes.max(initial=0.0)).sum())
 
 
 def wrench_reachable(W: Array, f: Array) -> bool:

@@ -131,8 +131,11 @@ def idle_notes(idle: Sequence[str]) -> list[str]:
     """Say which motors the file gives no torque, one sentence for all."""
     if not idle:
         return []
-    names = ", ".join(map(repr, idle))
-    return [f"the file gives {names} no torque at all: taken as without a motor; tau_max gives one"]
+    names, them = ", ".join(map(repr, idle)), "it" if len(idle) == 1 else "each"
+    return [
+        f"the file gives {names} no torque at all: taken as without a motor; tau_max gives {them} "
+        "one"
+    ]
 
 
 def undetermined_notes(W: Array, passive_rows: Array, J: Array) -> list[str]:

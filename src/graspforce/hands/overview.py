@@ -79,10 +79,14 @@ def draw(hand: ImportedHand) -> Figure:
         axes.scatter(*chain[:-1].T, color=plot.INK, s=14, depthshade=False)
         axes.scatter(*chain[-1:].T, color=colour, s=36, depthshade=False)
         axes.text(*chain[-1], f" {name}", color=colour)
+    bases = np.array([chain[0] for chain in chains.values()])
+    for base in bases:  # the palm, whose shape nobody here knows
+        axes.plot(*np.array([bases.mean(axis=0), base]).T, color=plot.GREY, linewidth=1)
     places = np.vstack(list(chains.values()))
     low, high = places.min(axis=0), places.max(axis=0)
-    room = max(0.05 * float((high - low).max()), 1e-3)
+    room = max(0.1 * float((high - low).max()), 1e-3)
     axes.set(**{f"{axis}lim": (low[i] - room, high[i] + room) for i, axis in enumerate("xyz")})
     axes.set_box_aspect(high - low + 2 * room)
+    axes.locator_params(nbins=4)
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     return figure

@@ -437,7 +437,10 @@ def minimise(
         d = newton_step(gradient, hessian)
         steps += 1
         slope = float(gradient @ d)
-        length = math.sqrt(max(0.0, -slope) / barriers.unit)
+        if slope > 0:  # upwards: rounding has the last word in the Hessian
+            status = Status.STALLED
+            break
+        length = math.sqrt(-slope / barriers.unit)
         gamma = 1.0 if length < 0.25 else backtrack(lam, d, slope, c_p, N, barriers)
         if gamma == 0:
             status = Status.STALLED

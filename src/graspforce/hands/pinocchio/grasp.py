@@ -135,6 +135,8 @@ class PinocchioGrasp:
         if urdf is None:
             _refuse_jaws_of_one_motor(model, drives, tau_max)
         self._motors = choose_motors(drives, tau_max)
+        if self._on_robot:  # what would be much for a finger is not for a leg
+            self._motors = self._motors._replace(warnings=())
         if not self._motors.drives:
             raise ModelImportError(f"no motor moves any of the links {', '.join(self.links)}")
         self._configuration = PinocchioConfiguration(
@@ -192,7 +194,7 @@ class PinocchioGrasp:
             full = -full
         every = np.array(pin.nonLinearEffects(model, self._data, q, velocity))
         bias = every[self._dofs]
-        self.load = self._base_wrench(every[:6], about) if self._on_robot else None
+        self.load = self._base_wrench(q, every[:6], about) if self._on_robot else None
         self.contacts, self.origin, self.W = given, about, map_about(about, given)
         self.actuation = self._motors.actuation(self._configuration.transmission, full, bias)
         self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias, *_ = self.actuation
@@ -204,11 +206,11 @@ class PinocchioGrasp:
         *_, rows, _ = self.actuation
         return (*self._notes, *undetermined_notes(self.W, rows, self.J))
 
-    def _base_wrench(self, forces: Array, about: Array) -> Array:
+    def _base_wrench(self, q: Array, forces: Array, about: Array) -> Array:
         """Return the base's six forces, in its own axes, as a wrench about a point of the world."""
         pin = pinocchio_module()
-        base = self._data.oMi[1]
-        wrench = base.act(pin.Force(forces))
+        pin.forwardKinematics(self._model, self._data, q)
+        wrench = self._data.oMi[1].act(pin.Force(forces))
         return np.concatenate(
             (wrench.linear, wrench.angular - np.cross(about, np.array(wrench.linear)))
         )
