@@ -49,7 +49,7 @@ _WIDTH = 4  # components of the widest contact
 _METRIC = np.array([1.0, -1.0, -1.0, -1.0])  # of the Lorentz cone: s·(metric s) > 0
 
 
-def times(A: Array, x: Array) -> Array:
+def _times(A: Array, x: Array) -> Array:
     """Return A x for matrices (…, i, j) and vectors (…, j)."""
     return (A @ x[..., None])[..., 0]
 
@@ -73,7 +73,7 @@ def slacks(x: Array, A: Array, b: Array) -> Array:
     Returns:
         r, shape (v,), in the units of b.
     """
-    return b - times(A, x)
+    return b - _times(A, x)
 
 
 def phi_lin(x: Array, A: Array, b: Array) -> Any:
@@ -101,7 +101,7 @@ def grad_phi_lin(x: Array, A: Array, b: Array) -> Array:
     Returns:
         Shape (m,) [1/N, 1/(N·m)].
     """
-    return times(np.swapaxes(A, -1, -2), 1 / slacks(x, A, b))
+    return _times(np.swapaxes(A, -1, -2), 1 / slacks(x, A, b))
 
 
 def hess_phi_lin(x: Array, A: Array, b: Array) -> Array:
@@ -251,7 +251,7 @@ def grad_phi_soc_contact(y: Array, scaling: Array) -> Array:
     Returns:
         Shape (d,) [1/N, 1/(N·m)].
     """
-    return (2 / g(y, scaling))[..., None] * times(R_mu(scaling), y)
+    return (2 / g(y, scaling))[..., None] * _times(R_mu(scaling), y)
 
 
 def grad_phi_soc(c: Array, cones: Cones) -> Array:
@@ -349,7 +349,7 @@ class Barriers(NamedTuple):
 
     def lack(self, c: Array) -> Any:
         """S c − t: what soft rows lack, in units of their softness, shape (k,); 0 without any."""
-        return 0.0 if self.S is None or self.t is None else times(self.S, c) - self.t
+        return 0.0 if self.S is None or self.t is None else _times(self.S, c) - self.t
 
 
 def joint_torques(c: Array, J: Array, tau_bias: Array | float) -> Array:
@@ -363,7 +363,7 @@ def joint_torques(c: Array, J: Array, tau_bias: Array | float) -> Array:
     Returns:
         Shape (n_joints,) [N·m].
     """
-    return times(np.swapaxes(J, -1, -2), c) + tau_bias
+    return _times(np.swapaxes(J, -1, -2), c) + tau_bias
 
 
 def torque_limits(J: Array, tau_lo: Array, tau_hi: Array) -> tuple[Array, Array]:
@@ -416,7 +416,7 @@ def strictly_inside(c: Array, barriers: Barriers, rounding: float = 0.0) -> NDAr
         A truth value; False where c holds NaN.
     """
     cones, A, b = barriers[:3]
-    least = rounding * (np.abs(b) + times(np.abs(A), np.abs(c)))
+    least = rounding * (np.abs(b) + _times(np.abs(A), np.abs(c)))
     return (slacks(c, A, b) > least).all(axis=-1) & inside_cones(c, cones, rounding)
 
 
@@ -455,7 +455,7 @@ def derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
     if barriers.S is None:
         return gradient, hessian
     columns = np.swapaxes(barriers.S, -1, -2)
-    return gradient + times(columns, barriers.lack(c)), hessian + columns @ barriers.S
+    return gradient + _times(columns, barriers.lack(c)), hessian + columns @ barriers.S
 
 
 def particular_and_nullspace(W: Array, f: Array) -> tuple[Array, Array]:
@@ -493,7 +493,7 @@ def reduced_objective(lam: Array, c_p: Array, N: Array, barriers: Barriers) -> A
     Returns:
         A number [-]; inf outside the cones or the limits.
     """
-    return objective(c_p + times(N, lam), barriers)
+    return objective(c_p + _times(N, lam), barriers)
 
 
 def reduced_derivatives(c: Array, N: Array, barriers: Barriers) -> tuple[Array, Array]:
@@ -509,7 +509,7 @@ def reduced_derivatives(c: Array, N: Array, barriers: Barriers) -> tuple[Array, 
     """
     gradient, hessian = derivatives(c, barriers)
     rows = np.swapaxes(N, -1, -2)
-    return times(rows, gradient), rows @ hessian @ N
+    return _times(rows, gradient), rows @ hessian @ N
 
 
 def newton_step(gradient: Array, hessian: Array) -> Array:
@@ -629,12 +629,12 @@ def wrench_error(c: Array, W: Array, f: Array) -> Any:
     Returns:
         A number [N, N·m].
     """
-    return np.abs(times(W, c) - f).max(axis=-1)
+    return np.abs(_times(W, c) - f).max(axis=-1)
 
 
 def relative_wrench_error(c: Array, W: Array, f: Array) -> Any:
     """:func:`wrench_error` over the largest of |f| and the rows of |W|·|c|; 0 where both are."""
-    parts = times(np.abs(W), np.abs(c)).max(axis=-1)
+    parts = _times(np.abs(W), np.abs(c)).max(axis=-1)
     scale = np.maximum(np.abs(f).max(axis=-1), parts)
     return wrench_error(c, W, f) / np.where(scale == 0, 1.0, scale)
 

@@ -559,9 +559,9 @@ def without_pulls(layout: Layout, fields: Mapping[str, Array]) -> tuple[Layout, 
         return layout, dict(fields)
     shift = preload(layout, fields)[..., : sum(layout.dims)]
     moved = dict(fields)
-    moved["f"] = fields["f"] + equations.times(fields["W"], shift)
+    moved["f"] = equations.slacks(-shift, fields["W"], fields["f"])
     moved["tau_bias"] = fields["tau_bias"] - equations.joint_torques(shift, fields["J"], 0.0)
-    moved["b"] = fields["b"] + equations.times(fields["A"], shift)
+    moved["b"] = equations.slacks(-shift, fields["A"], fields["b"])
     for name in ("c_max", "c_min"):
         if fields[name].size:
             moved[name] = fields[name] + fields["pull"]

@@ -13,6 +13,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "graspforce/lanes.hpp"
 #include "graspforce/layout.hpp"
 
 namespace graspforce {
@@ -35,8 +36,16 @@ class Pull {
   std::size_t packed_size() const { return at_.size; }
 
   // The numbers of the problem in c', until the next call; of a problem without pulls its own.
-  const double* problem(const double* packed) {
-    if (!outer_.pulls) return packed;
+  const double* problem(const double* packed) { return outer_.pulls ? shifted(packed) : packed; }
+
+  // c from c', and the reverse, by the pulls of the last problem. Zeros, which stand for no answer,
+  // stay.
+  const double* outward(const double* forces) { return outer_.pulls ? reduced(forces) : forces; }
+  const double* inward(const double* forces) { return outer_.pulls ? moved(forces, 1) : forces; }
+
+ private:
+  // Apart, so that a problem without pulls pays for nothing but the question.
+  GRASPFORCE_APART const double* shifted(const double* packed) {
     double* to = std::copy(packed, packed + at_.pull, numbers_.data());
     std::copy(packed + at_.f_soft, packed + at_.size, to);
     const Problem p(at_, packed);
@@ -57,18 +66,13 @@ class Pull {
     return numbers;
   }
 
-  // c from c', and the reverse, by the pulls of the last problem. Zeros, which stand for no answer,
-  // stay.
-  const double* outward(const double* forces) {
+  GRASPFORCE_APART const double* reduced(const double* forces) {
     const double* end = forces + forces_.size();
     if (std::all_of(forces, end, [](double c) { return c == 0; })) return forces;
     return moved(forces, -1);
   }
-  const double* inward(const double* forces) { return moved(forces, 1); }
 
- private:
-  const double* moved(const double* forces, double sign) {
-    if (!outer_.pulls) return forces;
+  GRASPFORCE_APART const double* moved(const double* forces, double sign) {
     std::copy_n(forces, forces_.size(), forces_.begin());
     for (int i = 0, c = 0; i < outer_.contacts(); c += static_cast<int>(outer_.models[i]), ++i)
       forces_[c] += sign * shift_[i];
