@@ -59,6 +59,7 @@ if TYPE_CHECKING:
         trajectory,
     )
     from graspforce import warp as warp
+    from graspforce.answers import firmness
     from graspforce.study import figures
 
 __version__: str
@@ -90,6 +91,7 @@ __all__ = [
     "equations",
     "figures",
     "files",
+    "firmness",
     "grasp_map",
     "hands",
     "reference",
@@ -105,7 +107,7 @@ __all__ = [
 _LAZY = {
     name: f"graspforce.{name}"
     for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
-} | {"figures": "graspforce.study.figures"}
+} | {"figures": "graspforce.study.figures", "firmness": "graspforce.answers.firmness"}
 
 
 def __getattr__(name: str) -> Any:
