@@ -49,7 +49,7 @@ def rows(table):
 # ---- help and version --------------------------------------------------------------------------
 
 
-COMMANDS = ("solve", "scenario", "simulate", "reproduce", "bench", "compare")
+COMMANDS = ("solve", "explain", "scenario", "simulate", "reproduce", "bench", "compare")
 
 
 @pytest.mark.parametrize("command", [[], *([each] for each in COMMANDS)])

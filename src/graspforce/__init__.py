@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     )
     from graspforce import warp as warp
     from graspforce.answers import firmness
+    from graspforce.answers.diagnosis import diagnose
     from graspforce.study import figures
 
 __version__: str
@@ -88,6 +89,7 @@ __all__ = [
     "Verification",
     "baselines",
     "check_certificate",
+    "diagnose",
     "equations",
     "figures",
     "files",
@@ -113,6 +115,10 @@ _LAZY = {
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return importlib.import_module(_LAZY[name])
+    if name == "diagnose":
+        from graspforce.answers.diagnosis import diagnose
+
+        return diagnose
     if name == "__version__":
         from importlib.metadata import version  # as heavy as everything else together
 

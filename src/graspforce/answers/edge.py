@@ -103,7 +103,7 @@ def find_edge(
             break
         else:
             stalls += 1
-        if affine and (found := lower_bound(family, x, last)) is not None and found[0] > lower:
+        if affine and (found := lower_bound(family, x, last, lower)) is not None:
             lower, proof = found
         if lower >= most or lower == math.inf:
             break
@@ -124,8 +124,17 @@ def find_edge(
     return Edge(lower, upper, best or last, proof, solves, steps)
 
 
-def lower_bound(family: Family, x: float, solution: Solution) -> tuple[float, Certificate] | None:
-    """Return the x below which the multipliers of a probe at x prove infeasibility, and them."""
+def lower_bound(
+    family: Family, x: float, solution: Solution, least: float = -math.inf
+) -> tuple[float, Certificate] | None:
+    """Return the x below which the multipliers of a probe at x prove infeasibility, and them.
+
+    Args:
+        family: affine in x.
+        x: where it was probed.
+        solution: what was found there.
+        least: only bounds above this one count.
+    """
     problem = solution.problem
     if solution.status is Status.SOLVED:
         A, b = problem.linear_limits()
@@ -141,4 +150,6 @@ def lower_bound(family: Family, x: float, solution: Solution) -> tuple[float, Ce
         return (math.inf, certificate) if here > 0 else None
     bound = x - here / slope
     bound -= 1e-9 * abs(here / slope) + 1e-12 * abs(bound)  # leaves room for rounding
-    return (bound, certificate) if check_certificate(family(bound), certificate) else None
+    if bound <= least or not check_certificate(family(bound), certificate):
+        return None
+    return bound, certificate
