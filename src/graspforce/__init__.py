@@ -59,7 +59,7 @@ if TYPE_CHECKING:
         trajectory,
     )
     from graspforce import warp as warp
-    from graspforce.answers import firmness
+    from graspforce.answers import firmness, payload
     from graspforce.answers.diagnosis import diagnose
     from graspforce.study import figures
 
@@ -96,6 +96,7 @@ __all__ = [
     "firmness",
     "grasp_map",
     "hands",
+    "payload",
     "reference",
     "regrasp",
     "scenarios",
@@ -109,7 +110,8 @@ __all__ = [
 _LAZY = {
     name: f"graspforce.{name}"
     for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
-} | {"figures": "graspforce.study.figures", "firmness": "graspforce.answers.firmness"}
+} | {"figures": "graspforce.study.figures"}
+_LAZY |= {name: f"graspforce.answers.{name}" for name in ("firmness", "payload")}
 
 
 def __getattr__(name: str) -> Any:
