@@ -59,7 +59,7 @@ if TYPE_CHECKING:
         trajectory,
     )
     from graspforce import warp as warp
-    from graspforce.answers import firmness, payload
+    from graspforce.answers import firmness, payload, robust
     from graspforce.answers.diagnosis import diagnose
     from graspforce.study import figures
 
@@ -99,6 +99,7 @@ __all__ = [
     "payload",
     "reference",
     "regrasp",
+    "robust",
     "scenarios",
     "sim",
     "solve",
@@ -111,7 +112,7 @@ _LAZY = {
     name: f"graspforce.{name}"
     for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
 } | {"figures": "graspforce.study.figures"}
-_LAZY |= {name: f"graspforce.answers.{name}" for name in ("firmness", "payload")}
+_LAZY |= {name: f"graspforce.answers.{name}" for name in ("firmness", "payload", "robust")}
 
 
 def __getattr__(name: str) -> Any:
