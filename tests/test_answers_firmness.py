@@ -291,3 +291,25 @@ def test_a_firm_servo_is_as_it_was_after_a_wrong_argument():
         servo.step(f=[1, 2])
     assert servo.problem == before
     assert servo.step(f=problem.f).met
+
+
+def test_friction_that_drops_is_followed_as_fast_as_the_rate_limits_allow():
+    problem = allegro()[0].replace(alpha=1e3)
+    limited = problem.replace(c_last=gf.solve(problem).c, dc_max=0.2)
+    servo = firmness.FirmServo(limited, slip_reserve=0.05)
+    last, statuses = np.array(limited.c_last), []
+    for tick in range(60):
+        grip = servo.step(models=gf.PCWF(0.5 if tick < 20 else 0.35))
+        statuses.append(grip.solution.status)
+        assert np.abs(grip.c - last).max() < 0.2
+        assert np.abs(problem.W @ grip.c - problem.f).max() < 1e-9
+        if grip.met:
+            assert grip.slip_reserve > 0.05
+        else:
+            assert gf.check_certificate(grip.solution.problem, grip.solution.certificate)
+            assert grip.message.startswith("the rate limits admit no force within all the other")
+        last = grip.c
+        assert np.array_equal(servo.problem.c_last, last)
+    late = statuses.index(gf.Status.INFEASIBLE, 20)
+    assert late == 20
+    assert statuses[-10:] == [gf.Status.SOLVED] * 10

@@ -143,12 +143,14 @@ def lower_bound(
         certificate = solution.certificate
     else:
         return None
-    step = abs(x) or 1.0
+    other = x / 2 if x else 1.0
     here = certificate.excess(problem)
-    slope = (certificate.excess(family(x + step)) - here) / step
+    slope = (certificate.excess(family(other)) - here) / (other - x)
     if slope >= 0:  # proves nothing, or the infeasibility of every x above
         return (math.inf, certificate) if here > 0 else None
     bound = x - here / slope
+    if not math.isfinite(bound):
+        return (math.inf, certificate) if here > 0 else None
     bound -= 1e-9 * abs(here / slope) + 1e-12 * abs(bound)  # leaves room for rounding
     if bound <= least or not check_certificate(family(bound), certificate):
         return None

@@ -21,7 +21,7 @@ import numpy as np
 from graspforce import equations
 from graspforce._engine.outcome import Status
 from graspforce._engine.settings import Settings
-from graspforce._util.arrays import as_array, require_instance
+from graspforce._util.arrays import Array, as_array, require_instance
 from graspforce.answers.edge import Edge, Family, find_edge, lower_bound
 from graspforce.answers.wishes import (
     Wishes,
@@ -53,6 +53,8 @@ class Grip:
     Attributes:
         solution: its ``problem`` has the hard wishes in it, as lower friction, narrower torque
             limits and ceilings.
+        c: the contact forces to apply, shape (m,) [N, N·m]: those of ``solution``, but for a tick
+            of a :class:`FirmServo` that its rate limits make infeasible.
         alpha: the weight that gives these forces.
         met: whether every wish is met.
         message: what was reached, or why a wish cannot be met and what can.
@@ -63,6 +65,7 @@ class Grip:
     """
 
     solution: Solution
+    c: Array
     alpha: float
     met: bool
     message: str
@@ -73,7 +76,7 @@ class Grip:
     @property
     def largest_normal(self) -> float:
         """The largest normal force [N]."""
-        return float(self.solution.normal_forces.max())
+        return float(self.c[self.problem.starts[:-1]].max())
 
     @property
     def times_least(self) -> float:
@@ -83,12 +86,13 @@ class Grip:
     @property
     def slip_reserve(self) -> float:
         """By what share friction may fall, at all contacts at once, before one of them slips."""
-        return float(slip_reserves(self.problem, self.solution.c).min())
+        return float(slip_reserves(self.problem, self.c).min())
 
     @property
     def torque_reserve(self) -> float:
         """The smallest distance of a torque to its limit over half the joint's range."""
-        return float(torque_reserves(self.problem, self.solution.tau).min(initial=math.inf))
+        tau = equations.joint_torques(self.c, self.problem.J, self.problem.tau_bias)
+        return float(torque_reserves(self.problem, tau).min(initial=math.inf))
 
 
 def least(problem: ForceProblem, *, rtol: float = 1e-6) -> Edge:
@@ -240,12 +244,14 @@ class FirmServo:
         """Solve the next tick from what has changed, as :meth:`graspforce.Servo.step`.
 
         Args:
-            **changes: arguments of :class:`graspforce.ForceProblem`. With ``times_least`` alpha is
-                the FirmServo's own.
+            **changes: arguments of :class:`graspforce.ForceProblem`; ``models`` with less friction
+                where slip was seen. With ``times_least`` alpha is the FirmServo's own, with rate
+                limits ``c_last`` is, after a tick that is SOLVED.
 
         Returns:
             This tick's grip. ``met`` is False while alpha is on its way, and in a tick that is not
-            SOLVED.
+            SOLVED. Where rate limits alone make a tick infeasible, as after friction that drops,
+            ``c`` goes as far as they allow towards forces that meet everything.
 
         Raises:
             InvalidInputError: an argument is wrong; the FirmServo is as it was before the call.
@@ -255,7 +261,11 @@ class FirmServo:
         if self._times is not None:
             hard = hard.replace(alpha=self._alpha)
         solution = self._servo.step_to(hard)
-        self.problem, solves, met = problem, 1, solution.status is Status.SOLVED
+        solves, met, c = 1, solution.status is Status.SOLVED, solution.c
+        text = None if met else solution.message
+        if problem.layout.rate_limits and not met:
+            solves, c, text = 2, *_towards(hard)
+        self.problem = problem.replace(c_last=c) if problem.layout.rate_limits else problem
         if self._times is not None and met:
             self._least, solves = _tracked(hard, self._least)
             ratio = float(solution.normal_forces.max()) / self._least
@@ -264,13 +274,35 @@ class FirmServo:
             self._move = (self._move + min(max(_GAIN * off, -_MOVE), _MOVE)) / 2
             self._alpha = min(max(self._alpha * math.exp(self._move), _FIRMEST), _LIGHTEST)
             solves += 1
-        text = solution.message if solution.status is not Status.SOLVED else None
-        return _grip(problem, solution, met, self._least, solves, text)
+        return _grip(problem, solution, met, self._least, solves, text, c)
 
 
 # Of a FirmServo: the part of the way to the wanted firmness that ln alpha goes in a tick, over the
 # usual slope −0.7 of the ratio in ln alpha, and the most that it goes.
 _GAIN, _MOVE = 0.8, 0.05
+
+
+def _towards(hard: ForceProblem) -> tuple[Array, str]:
+    """Return the forces one tick nearer to those that meet everything, within the rate limits.
+
+    On the straight line W c = f stays as it was, and what c_last violates shrinks in every tick.
+    """
+    last, most = hard.c_last, hard.dc_max
+    free = solve(hard.replace(c_last=None, dc_max=None))
+    if free.status is not Status.SOLVED:
+        return last, free.message
+    move = free.c - last
+    with np.errstate(divide="ignore"):
+        share = min(1.0, float((_WITHIN * most / np.abs(move)).min()))
+    text = (
+        "the rate limits admit no force within all the other limits in this tick; it goes "
+        f"{100 * share:.3g} % of the way to one"
+    )
+    return last + share * move, text
+
+
+# The part of the rate limits that is used where forces go straight, clear of rounding.
+_WITHIN = 1 - 1e-9
 
 
 def _tracked(hard: ForceProblem, force: float) -> tuple[float, int]:
@@ -494,6 +526,7 @@ def _grip(
     force: float,
     solves: int,
     text: str | None = None,
+    c: Array | None = None,
 ) -> Grip:
     alpha, largest = solution.problem.alpha, float(solution.normal_forces.max())
     if text is None:
@@ -501,4 +534,4 @@ def _grip(
         if force == force:
             text += f", {largest / force:.3g} times the least possible {force:.3g} N"
         text += f"; alpha is {alpha:.3g}"
-    return Grip(solution, alpha, met, text, force, problem, solves)
+    return Grip(solution, solution.c if c is None else c, alpha, met, text, force, problem, solves)
