@@ -313,3 +313,21 @@ def test_friction_that_drops_is_followed_as_fast_as_the_rate_limits_allow():
     late = statuses.index(gf.Status.INFEASIBLE, 20)
     assert late == 20
     assert statuses[-10:] == [gf.Status.SOLVED] * 10
+
+
+def test_in_physics_less_friction_than_assumed_holds_with_a_slip_reserve_and_drops_without():
+    pytest.importorskip("mujoco")
+    from graspforce import sim
+    from graspforce.sim.scenes import cube
+
+    assumed = paper.static().problem(0.0).replace(alpha=1e3)  # a light grip
+    outcome = {}
+    for reserve in (0.0, 0.4):
+        grip = firmness.choose(assumed, slip_reserve=reserve)
+        assert grip.met
+        trial = cube.trial(
+            "hold", "with 30 % less friction", paper.AT_REST, 0.7 * 0.5,
+            mu=grip.solution.problem.mu[0], alpha=grip.alpha, duration=0.4,
+        )  # fmt: skip
+        outcome[reserve] = sim.run(trial).position_error.max()
+    assert outcome[0.4] < 1e-3 < 0.02 < outcome[0.0]
