@@ -141,17 +141,22 @@ def all_remedies(problems: list[gf.ForceProblem]) -> Table:
 
 def payloads(problems: list[gf.ForceProblem]) -> str:
     """Return how well payloads along the load are enclosed."""
-    widths, outside, times = [], 0, []
+    widths, outside, undecided, times = [], 0, 0, []
     for problem in track(problems, "payloads", transient=True):
         start = time.perf_counter()
         found = gf.payload.along(problem, problem.f)
         times.append(time.perf_counter() - start)
-        truth = clarabel_oracle.critical_load(problem) - 1
         widths.append((found.upper - found.lower) / found.lower)
+        try:
+            truth = clarabel_oracle.critical_load(problem) - 1
+        except AssertionError:  # AlmostSolved
+            undecided += 1
+            continue
         outside += not found.lower - 1e-7 <= truth <= found.upper + 1e-7
     return (
         f"gf.payload.along, {len(problems)} grasps: intervals at most {max(widths):.1e} wide, "
-        f"Clarabel's value outside {outside} of them, {1e3 * np.median(times):.2g} ms in the median"
+        f"Clarabel's value outside {outside} of them ({undecided} not solved by it), "
+        f"{1e3 * np.median(times):.2g} ms in the median"
     )
 
 
