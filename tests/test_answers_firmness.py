@@ -246,6 +246,8 @@ def test_wishes_about_what_is_not_there_are_refused():
     cables = gf.ForceProblem(np.eye(3), [1, 1, 1], gf.FPC(), c_max=9)
     with pytest.raises(gf.InvalidInputError, match="slip_reserve: no contact of the problem"):
         firmness.choose(cables, slip_reserve=0.1)
+    with pytest.raises(gf.InvalidInputError, match="got 2 N, expected more than 3 N, the largest"):
+        firmness.choose(bare.replace(c_min=3), largest_normal=2)
     with pytest.raises(gf.InvalidInputError, match="problem: got"):
         firmness.choose(3, slip_reserve=0.1)
     for rtol in (0, 1, "x"):

@@ -103,7 +103,7 @@ def find_edge(
             break
         else:
             stalls += 1
-        if affine and (found := lower_bound(family, x, last, lower)) is not None:
+        if affine and (found := lower_bound(family, x, last, lower, least)) is not None:
             lower, proof = found
         if lower >= most or lower == math.inf:
             break
@@ -125,7 +125,11 @@ def find_edge(
 
 
 def lower_bound(
-    family: Family, x: float, solution: Solution, least: float = -math.inf
+    family: Family,
+    x: float,
+    solution: Solution,
+    least: float = -math.inf,
+    domain: float = -math.inf,
 ) -> tuple[float, Certificate] | None:
     """Return the x below which the multipliers of a probe at x prove infeasibility, and them.
 
@@ -134,6 +138,7 @@ def lower_bound(
         x: where it was probed.
         solution: what was found there.
         least: only bounds above this one count.
+        domain: the family may be asked for what is above this, and for more than x only at x = 0.
     """
     problem = solution.problem
     if solution.status is Status.SOLVED:
@@ -143,7 +148,7 @@ def lower_bound(
         certificate = solution.certificate
     else:
         return None
-    other = x / 2 if x else 1.0
+    other = (x + domain) / 2 if -math.inf < domain < x else x / 2 or 1.0
     here = certificate.excess(problem)
     slope = (certificate.excess(family(other)) - here) / (other - x)
     if slope >= 0:  # proves nothing, or the infeasibility of every x above

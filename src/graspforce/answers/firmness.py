@@ -311,7 +311,7 @@ def _tracked(hard: ForceProblem, force: float) -> tuple[float, int]:
     Just below the edge a certificate's bound is off by the square of the distance.
     """
     family, solves = _ceiling_family(hard), 0
-    while solves < 3:
+    while solves < 3 and force > 0:
         x = 0.995 * force
         solution, solves = solve(family(x)), solves + 1
         found = lower_bound(family, x, solution)
@@ -320,7 +320,8 @@ def _tracked(hard: ForceProblem, force: float) -> tuple[float, int]:
         force = found[0]
         if solution.status is Status.INFEASIBLE and force < 1.02 * x:
             return force, solves
-    bounds = find_edge(family, force, _OF_LEAST, least=0.0)
+    size = float(np.abs(hard.f).max()) or 1.0
+    bounds = find_edge(family, force if force > 0 else size, _OF_LEAST, least=0.0)
     return (bounds.lower + bounds.upper) / 2, solves + bounds.solves
 
 

@@ -53,7 +53,8 @@ class Wishes:
         """Raise where a wish is about something that the problem does not have.
 
         Raises:
-            InvalidInputError: a torque reserve without joints, a slip reserve without friction.
+            InvalidInputError: a torque reserve without joints, a slip reserve without friction, a
+                largest normal force that a floor excludes.
         """
         if self.torque_reserve is not None and not problem.layout.joints:
             raise InvalidInputError(
@@ -61,6 +62,13 @@ class Wishes:
             )
         if self.slip_reserve is not None and not any(d > 1 for d in problem.layout.dims):
             raise InvalidInputError("slip_reserve: no contact of the problem has friction")
+        if self.largest_normal is not None and problem.layout.floors:
+            floor = float((problem.active * problem.engagement * problem.c_min).max())
+            if self.largest_normal <= floor:
+                raise InvalidInputError(
+                    f"largest_normal: got {self.largest_normal:g} N, expected more than {floor:g} "
+                    "N, the largest floor c_min"
+                )
 
     @property
     def given(self) -> dict[str, float]:
