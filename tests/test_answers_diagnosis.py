@@ -85,6 +85,7 @@ def test_every_remedy_helps_and_a_hundredth_less_does_not(problem):
         assert remedy.solution.status is gf.Status.SOLVED
         assert remedy.solution.problem == remedy.problem
         assert remedy.solution.verify().ok
+        assert gf.solve(a_little_less(problem, remedy, 0)).status is gf.Status.SOLVED
         less = a_little_less(problem, remedy, 0.01)
         assert socp.solve(less).status is gf.Status.INFEASIBLE
         assert remedy.text in str(found)

@@ -107,6 +107,9 @@ def test_a_slip_reserve_counts_the_torsion_of_soft_fingers():
         if not grip.met:
             continue
         found += 1
+        assert grip.solution.problem.gamma[problem.gamma != 1] == pytest.approx(
+            0.9 * problem.gamma[problem.gamma != 1]
+        )
         less = [
             gf.SFC(0.9 * model.mu, 0.9 * model.gamma) if isinstance(model, gf.SFC)
             else gf.PCWF(0.9 * model.mu) if isinstance(model, gf.PCWF) else model
@@ -119,7 +122,9 @@ def test_a_slip_reserve_counts_the_torsion_of_soft_fingers():
 
 def test_a_torque_reserve_is_kept_at_both_ends():
     problem = allegro()[0]
-    grip = firmness.choose(problem, torque_reserve=0.2)
+    firm = problem.replace(alpha=0.01)  # whose torques would come near the limits
+    assert np.abs(gf.solve(firm).tau).max() > 0.9 * 0.7
+    grip = firmness.choose(firm, torque_reserve=0.2)
     assert grip.met
     assert np.abs(grip.solution.tau).max() < 0.8 * 0.7
     assert grip.torque_reserve > 0.2

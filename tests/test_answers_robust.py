@@ -77,6 +77,7 @@ SETS = {
     "normal": {"normal": 0.2},
     "friction and normal": {"friction": 0.2, "normal": 0.15},
     "wrench": {"wrench": np.diag([0.3, 0.3, 0.3, 0.006, 0.006, 0.006]) ** 2},
+    "wide wrench": {"wrench": np.diag([0.8, 0.8, 0.8, 0.016, 0.016, 0.016]) ** 2},
     "point": {"point": 0.003},
     "all": {
         "friction": 0.1, "normal": 0.05, "point": 0.001,
@@ -90,7 +91,7 @@ def test_an_answer_holds_all_over_the_set(name, rng):
     held, problem = ball()
     sets = SETS[name]
     tight = robust.tighten(problem, **sets)
-    for alpha in (1, 1e5):
+    for alpha in (1, 1e5, 1e9):
         solution = gf.solve(tight.replace(alpha=alpha))
         assert solution.status is gf.Status.SOLVED
         assert problem.replace(alpha=alpha).f == pytest.approx(problem.W @ solution.c)
