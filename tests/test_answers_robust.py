@@ -175,3 +175,18 @@ def test_a_wrench_that_cannot_be_made_is_refused():
         gf.InvalidInputError, match=r"normal\[0\]: got 0.1 rad, expected less than 0"
     ):
         robust.tighten(pushes, normal=0.1)
+
+
+def test_the_room_in_the_cones_is_enough_for_every_response_and_not_much_more(rng):
+    held, problem = ball()
+    E = SETS["wrench"]["wrench"]
+    room = -robust.tighten(problem, wrench=E).b[-4:]
+    responses = robust.response(problem) @ np.linalg.cholesky(E)
+    largest = np.zeros(4)
+    for _ in range(4000):
+        x = responses @ unit(rng, 6)
+        for i, (start, contact) in enumerate(zip(problem.starts[:-1], held.contacts, strict=True)):
+            scaled = contact.model.cone_scaling * x[start : start + contact.model.dim]
+            largest[i] = max(largest[i], np.linalg.norm(scaled[1:]) - scaled[0])
+    assert (largest <= room).all()
+    assert (room <= 1.6 * largest).all()
