@@ -120,7 +120,8 @@ def test_more_uncertainty_takes_more_force():
         for factor in (0.5, 1):
             changed = {k: v * (factor**2 if k == "wrench" else factor) for k, v in sets.items()}
             forces.append(gf.firmness.least(robust.tighten(problem, **changed)).upper)
-        assert forces == sorted(forces), name
+        assert (np.diff(forces) >= -2e-6 * forces[-1]).all(), name  # each is known to 1e-6
+        assert forces[-1] > 1.01 * forces[0]
 
 
 def test_a_servo_runs_on_tightened_problems():
