@@ -50,7 +50,7 @@ def rows(table):
 # ---- help and version --------------------------------------------------------------------------
 
 
-COMMANDS = ("solve", "hand", "scenario", "simulate", "reproduce", "bench", "compare")
+COMMANDS = ("solve", "explain", "hand", "scenario", "simulate", "reproduce", "bench", "compare")
 
 
 @pytest.mark.parametrize("command", [[], *([each] for each in COMMANDS)])

@@ -61,6 +61,8 @@ if TYPE_CHECKING:
         trajectory,
     )
     from graspforce import warp as warp
+    from graspforce.answers import firmness, payload, robust
+    from graspforce.answers.diagnosis import diagnose
     from graspforce.study import figures
 
 __version__: str
@@ -89,14 +91,18 @@ __all__ = [
     "Verification",
     "baselines",
     "check_certificate",
+    "diagnose",
     "equations",
     "figures",
     "files",
+    "firmness",
     "grasp_map",
     "guaranteed",
     "hands",
+    "payload",
     "reference",
     "regrasp",
+    "robust",
     "scenarios",
     "sim",
     "soles",
@@ -122,11 +128,16 @@ _LAZY = {
         "warp",
     )
 } | {"figures": "graspforce.study.figures"}
+_LAZY |= {name: f"graspforce.answers.{name}" for name in ("firmness", "payload", "robust")}
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return importlib.import_module(_LAZY[name])
+    if name == "diagnose":
+        from graspforce.answers.diagnosis import diagnose
+
+        return diagnose
     if name == "__version__":
         from importlib.metadata import version  # as heavy as everything else together
 
