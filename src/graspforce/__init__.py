@@ -49,6 +49,7 @@ from graspforce.solve import solve
 if TYPE_CHECKING:
     from graspforce import (
         baselines,
+        control,
         equations,
         files,
         hands,
@@ -87,6 +88,7 @@ __all__ = [
     "Verification",
     "baselines",
     "check_certificate",
+    "control",
     "equations",
     "figures",
     "files",
@@ -104,7 +106,17 @@ __all__ = [
 # __all__: it needs its extra, and a star import must not.
 _LAZY = {
     name: f"graspforce.{name}"
-    for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
+    for name in (
+        "baselines",
+        "control",
+        "files",
+        "hands",
+        "regrasp",
+        "scenarios",
+        "sim",
+        "trajectory",
+        "warp",
+    )
 } | {"figures": "graspforce.study.figures"}
 
 
