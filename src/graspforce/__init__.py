@@ -49,6 +49,7 @@ from graspforce.solve import solve
 if TYPE_CHECKING:
     from graspforce import (
         baselines,
+        control,
         equations,
         files,
         guaranteed,
@@ -91,6 +92,7 @@ __all__ = [
     "Verification",
     "baselines",
     "check_certificate",
+    "control",
     "diagnose",
     "equations",
     "figures",
@@ -117,6 +119,7 @@ _LAZY = {
     name: f"graspforce.{name}"
     for name in (
         "baselines",
+        "control",
         "files",
         "guaranteed",
         "hands",
