@@ -14,7 +14,9 @@ from typing import Any
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from latex2mathml.converter import convert
+from sphinx import addnodes
 from sphinx.application import Sphinx
+from sphinx.util.inspect import TypeAliasForwardRef
 from typer.testing import CliRunner
 
 from graspforce.cli import app as command
@@ -45,12 +47,16 @@ html_title = f"graspforce {release}"
 html_copy_source = False
 html_show_sphinx = False
 html_math_renderer = "mathml"
-templates_path: list[str] = []
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 autodoc_class_signature = "mixed"
+# In unions Sphinx leaves its stand-ins for aliases, by their repr.
+TypeAliasForwardRef.__repr__ = lambda self: self.name
+autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "Array"}
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 napoleon_numpy_docstring = False
@@ -60,7 +66,11 @@ plot_formats = [("svg", 100)]
 plot_html_show_source_link = False
 plot_html_show_formats = False
 plot_include_source = False
-plot_rcparams = {"figure.figsize": (6.4, 3.6), "font.size": 10, "svg.hashsalt": "graspforce"}
+plot_rcparams = {
+    "figure.figsize": (6.4, 3.6),
+    "font.size": 10,
+    "figure.constrained_layout.use": True,
+}
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
@@ -80,8 +90,11 @@ sphinx_gallery_conf = {
 
 def visit_math(translator: Any, node: nodes.math | nodes.math_block) -> None:
     """Write a formula as MathML, which browsers draw by themselves."""
-    display = "block" if isinstance(node, nodes.math_block) else "inline"
-    translator.body.append(convert(node.astext(), display=display))
+    if isinstance(node, nodes.math_block):
+        formula = convert(node.astext(), display="block")
+        translator.body.append(f'<div class="math">{formula}</div>')
+    else:
+        translator.body.append(convert(node.astext()))
     raise nodes.SkipNode
 
 
@@ -90,6 +103,18 @@ def escape_bars(*event: Any) -> None:
     lines: list[str] = event[-1]
     for i, line in enumerate(lines):
         lines[i] = re.sub(r"(``.*?``)|\|", lambda found: found[1] or r"\|", line)
+
+
+def lead_to_the_page(app: Sphinx, doctree: nodes.document) -> None:
+    """Let the search find the page for an index entry of its own, not the entry's place in it.
+
+    That place is an empty element, of which the search has no text to show.
+    """
+    for index in doctree.findall(addnodes.index):
+        index["entries"] = [
+            (kind, value, "" if place.startswith("index-") else place, main, key)
+            for kind, value, place, main, key in index["entries"]
+        ]
 
 
 class CommandHelp(Directive):
@@ -110,4 +135,5 @@ def setup(app: Sphinx) -> None:
     """Add what this site has beyond its extensions."""
     app.add_html_math_renderer("mathml", (visit_math, None), (visit_math, None))
     app.add_directive("command-help", CommandHelp)
+    app.connect("doctree-read", lead_to_the_page)
     app.connect("autodoc-process-docstring", escape_bars)

@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 MU = 0.6
-figure, axes = plt.subplots()
+figure, axes = plt.subplots(layout="constrained")
 n = np.array([0.0, 7.0])
 axes.fill_between(n, -MU * n, MU * n, color="#cfe3f5")
 axes.plot(n, MU * n, n, -MU * n, color="#1f5a92")

@@ -19,7 +19,7 @@ for last, now in pairwise(problems):
     gradient, hessian = gf.equations.reduced_derivatives(c + N @ step, N, now.barriers)
     after.append(np.sqrt(-gradient @ gf.equations.newton_step(gradient, hessian)))
 
-figure, axes = plt.subplots()
+figure, axes = plt.subplots(layout="constrained")
 step = np.geomspace(1e-3, 0.5)
 axes.loglog(step, (step / (1 - step)) ** 2, color="#1f5a92", label="bound (λ/(1 − λ))²")
 axes.loglog(before, after, ".", color="#b3261e", label="the paper's circle, from the last optimum")

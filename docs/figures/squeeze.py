@@ -9,7 +9,7 @@ WEIGHT, MU, C_MAX = 2.0, 0.5, 10.0
 contacts = [gf.Contact((x, 0, 0), (-x, 0, 0), gf.PCWF(MU)) for x in (-1, 1)]
 problem = gf.Grasp(contacts).problem(f=[0, 0, WEIGHT, 0, 0, 0], c_max=C_MAX)
 
-figure, axes = plt.subplots()
+figure, axes = plt.subplots(layout="constrained")
 squeeze = np.linspace(WEIGHT / 2 / MU, C_MAX, 400)[1:-1]
 c = np.tile(gf.solve(problem).c, (len(squeeze), 1))  # the squeeze is all that is free
 c[:, [0, 3]] = squeeze[:, None]

@@ -14,6 +14,7 @@ limits :math:`\tau^L \le J^T c \le \tau^U` (2) and friction cones
 three joints each, ±0.5 N·m, holding a cube of 250 g, :math:`\mu = 0.5`.
 """
 
+# sphinx_gallery_thumbnail_number = 3
 import matplotlib.pyplot as plt
 import numpy as np
 
