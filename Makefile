@@ -14,6 +14,7 @@ test: $(VENV)/test.installed  ## all tests
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadfile
 
 docs: $(VENV)/dev.installed  ## the site, into build/site, without a network
+	$(VENV)/bin/codespell *.md docs examples/gallery
 	$(VENV)/bin/sphinx-build --quiet -a -W --keep-going -j auto -d build/doctrees docs build/site
 	$(VENV)/bin/python -m pytest -q -p no:cacheprovider tests/built_site.py
 
@@ -80,4 +81,4 @@ $(VENV)/%.installed: $(NATIVE)
 	touch $(INSTALLED:%=$(VENV)/%.installed)
 
 clean:
-	rm -rf $(VENV) build dist results
+	rm -rf $(VENV) build dist results docs/gallery docs/sg_execution_times.rst

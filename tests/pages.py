@@ -43,7 +43,7 @@ def run(page: Path, device: str = "cuda") -> dict[str, object]:
                 exec(compile(code, str(page), "exec"), session)
             print(out.getvalue(), end="")
             if said:
-                assert _plain(out.getvalue()) == _plain(said)
+                assert _plain(out.getvalue()) == _plain(said), f"{page}:\n{out.getvalue()}"
     return session
 
 
