@@ -20,8 +20,8 @@ import graspforce as gf
 SITE = ROOT / "build" / "site"
 HTML = sorted(path for path in SITE.rglob("*.html") if "_static" not in path.parts)
 MODULES = (
-    "baselines", "equations", "figures", "files", "hands", "reference", "regrasp", "scenarios",
-    "sim", "trajectory", "warp",
+    "baselines", "control", "equations", "figures", "files", "firmness", "guaranteed", "hands",
+    "payload", "reference", "regrasp", "robust", "scenarios", "sim", "soles", "trajectory", "warp",
 )  # fmt: skip
 FIRST_FOR = {
     "friction cone": "understand/problem",

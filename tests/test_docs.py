@@ -3,6 +3,7 @@
 import re
 import runpy
 
+import numpy as np
 import pytest
 from models import paper_hand_urdf, paper_hand_xml
 from pages import DOCS, PAGES, ROOT, blocks, run
@@ -15,7 +16,7 @@ CUBE = """<body name="cube" pos="0 0 .1"><freejoint/>
 # What a page's snippets need besides NumPy.
 NEEDS = ("mujoco", "pinocchio", "warp", "clarabel")
 # These are run where their subject is tested, since their results are looked at further.
-ELSEWHERE = ("README.md", "hands.md", "gpu.md", "simulation.md")
+ELSEWHERE = ("README.md", "hands.md", "legs.md", "gpu.md", "simulation.md")
 SNIPPETS = [page for page in PAGES if blocks(page, "python") and page.name not in ELSEWHERE]
 
 
@@ -63,6 +64,22 @@ def test_the_snippets_about_hands_run(folder, capsys):
     assert session["solution"].status is gf.Status.SOLVED
     assert "finger1_knee" in capsys.readouterr().out
     assert session["data"].ctrl.any()
+
+
+def test_the_snippets_about_legs_run(folder, capsys):
+    pytest.importorskip("pinocchio")
+    import test_legs  # which needs it, too
+
+    for name in ("quadruped", "biped"):
+        parts = getattr(test_legs, f"{name}_parts")()
+        (folder / f"{name}.urdf").write_text(test_legs.robot(parts))
+    (folder / "arms.urdf").write_text(test_legs.robot(test_legs.two_arms_parts()))
+    page = DOCS / "legs.md"
+    assert len(blocks(page, "python")) == 3
+    session = run(page)
+    assert session["solution"].status is gf.Status.SOLVED
+    assert "fl_knee" in capsys.readouterr().out
+    assert np.abs(session["ahead"]) < 0.1
 
 
 @pytest.mark.parametrize("program", GALLERY, ids=name_of)
