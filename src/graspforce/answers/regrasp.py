@@ -29,6 +29,9 @@ from graspforce.solve import solve
 # Engagements below this are taken for those of a finger that has left.
 _LEAST_ENGAGEMENT = 1e-3
 
+# The engagements of a finger that lifts, a tenth at a time.
+_LIFT = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Departure:
@@ -152,7 +155,7 @@ def next_to_lift(problem: ForceProblem) -> Lift:
 def payload_during_lift(
     problem: ForceProblem,
     finger: int | str,
-    engagements: ArrayLike = tuple(1 - k / 10 for k in range(11)),
+    engagements: ArrayLike = _LIFT,
     fingers: Sequence[str] | None = None,
 ) -> Array:
     """Return the multiple of the load that is held while a finger's engagement falls.
