@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 from graspforce._engine.outcome import Start, Status
 from graspforce._engine.settings import Settings
 from graspforce.certificate import Certificate, check_certificate
-from graspforce.contact import FPC, PCWF, SFC, Contact
+from graspforce.contact import FPC, PCWF, SFC, Contact, suction_cup
 from graspforce.errors import (
     GraspForceError,
     GraspForceWarning,
@@ -49,16 +49,21 @@ from graspforce.solve import solve
 if TYPE_CHECKING:
     from graspforce import (
         baselines,
+        control,
         equations,
         files,
+        guaranteed,
         hands,
         reference,
         regrasp,
         scenarios,
         sim,
+        soles,
         trajectory,
     )
     from graspforce import warp as warp
+    from graspforce.answers import firmness, payload, robust
+    from graspforce.answers.diagnosis import diagnose
     from graspforce.study import figures
 
 __version__: str
@@ -87,16 +92,24 @@ __all__ = [
     "Verification",
     "baselines",
     "check_certificate",
+    "control",
+    "diagnose",
     "equations",
     "figures",
     "files",
+    "firmness",
     "grasp_map",
+    "guaranteed",
     "hands",
+    "payload",
     "reference",
     "regrasp",
+    "robust",
     "scenarios",
     "sim",
+    "soles",
     "solve",
+    "suction_cup",
     "trajectory",
 ]
 
@@ -104,13 +117,30 @@ __all__ = [
 # __all__: it needs its extra, and a star import must not.
 _LAZY = {
     name: f"graspforce.{name}"
-    for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
+    for name in (
+        "baselines",
+        "control",
+        "files",
+        "guaranteed",
+        "hands",
+        "regrasp",
+        "scenarios",
+        "sim",
+        "soles",
+        "trajectory",
+        "warp",
+    )
 } | {"figures": "graspforce.study.figures"}
+_LAZY |= {name: f"graspforce.answers.{name}" for name in ("firmness", "payload", "robust")}
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return importlib.import_module(_LAZY[name])
+    if name == "diagnose":
+        from graspforce.answers.diagnosis import diagnose
+
+        return diagnose
     if name == "__version__":
         from importlib.metadata import version  # as heavy as everything else together
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Unpack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspforce import equations
 from graspforce._util.arrays import Array, as_array, require_keywords
 from graspforce.contact import (
     Contact,
     ContactModel,
     as_contacts,
     contact_starts,
+    patch_weights,
     warn_of_slips,
 )
 from graspforce.errors import InvalidInputError
@@ -48,6 +51,8 @@ class Grasp:
         passive_rows: of an underactuated hand, the virtual work of c over the motions that no
             motor moves, shape (k, m); k = 0 for others.
         passive_loads: what that work has to be, shape (k,): 0 but for weight and springs.
+        internal: forces of the motors that balance among themselves, shape (r, n_joints), where
+            they are more than the motions that they move; r = 0 for other hands.
         A: limits ``A c ≤ b`` that the hand sets besides, shape (p, m): stops that joints without
             motors lean on push only.
         b: shape (p,).
@@ -55,6 +60,8 @@ class Grasp:
             angular]; None for one that moves freely.
         links: what makes each contact, where that was read from a robot; otherwise empty.
         notes: remarks of the import from a robot.
+        load: the f with which contacts on a robot carry it (``from_pinocchio(…, on="robot")``),
+            shape (6,) [N, N·m]; else None.
 
     Raises:
         InvalidInputError: no contacts, a hand without q or the reverse, no hand, a wrong shape.
@@ -78,8 +85,10 @@ class Grasp:
         warn_of_slips(self.contacts)
         if hand is not None and q is not None:
             from graspforce.hands.hand import actuation
+            from graspforce.hands.imported import ImportedHand
 
             self._set_actuation(actuation(hand, self.contacts, q))
+            self.links = hand.made_by if isinstance(hand, ImportedHand) else ()
 
     def _set_contacts(self, contacts: tuple[Contact, ...], origin: Array) -> None:
         """Set checked contacts and origin, without a hand."""
@@ -93,6 +102,7 @@ class Grasp:
         self.joint_names: tuple[str, ...] = ()
         self.passive_rows: Array = np.zeros((0, self.W.shape[1]))
         self.passive_loads: Array = np.zeros(0)
+        self.internal: Array = np.zeros((0, 0))
         self.A: Array = np.zeros((0, self.W.shape[1]))
         self.b: Array = np.zeros(0)
         self.motions: Array | None = None
@@ -100,16 +110,42 @@ class Grasp:
         self._squeezing: tuple[NDArray[np.bool_], Actuation] | None = None
         self.links: tuple[str, ...] = ()
         self.notes: tuple[str, ...] = ()
+        self.load: Array | None = None
 
     def _set_actuation(self, actuation: Actuation) -> None:
-        (
-            self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads, self.A, self.b, _, self.notes,
-        ) = actuation  # fmt: skip
+        self.joint_names, self.J = actuation.joint_names, actuation.J
+        self.tau_lo, self.tau_hi = actuation.tau_lo, actuation.tau_hi
+        self.tau_bias, self.internal = actuation.tau_bias, actuation.internal
+        self.passive_rows, self.passive_loads = actuation.passive_rows, actuation.passive_loads
+        self.A, self.b = actuation.A, actuation.b
+        self.notes = actuation.notes
         if actuation.stopped.any():
             self._open_limits(actuation)
         if not self.joint_names:  # what touches has no motors, as mocap bodies
             self.J = self.tau_lo = self.tau_hi = self.tau_bias = None
+            self.internal = np.zeros((0, 0))
+
+    @property
+    def cone_weight(self) -> Array:
+        """Weights of the contacts' cones, shape (n,): those of one patch of a link share 1.
+
+        See :func:`graspforce.contact.patch_weights`; all are 1 where ``links`` is empty.
+        """
+        if not self.links:
+            return np.ones(len(self.contacts))
+        return patch_weights(np.array([each.normal for each in self.contacts]), self.links)
+
+    @property
+    def undetermined(self) -> int:
+        """How many components of c neither W c = f nor the torques determine.
+
+        What the motors do is the same for all forces that differ in these alone: such forces are
+        what was asked for, not what comes of it. The physics (stiffness, and how the
+        hand closed) chooses among them.
+        """
+        J = np.zeros((self.W.shape[1], 0)) if self.J is None else self.J
+        W, _, _ = self._equations(np.zeros(6), None)
+        return equations.undetermined(W, J)
 
     def _open_limits(self, actuation: Actuation) -> None:
         """Let the stops of joints with motors bear what goes beyond the motors' limits."""
@@ -182,6 +218,8 @@ class Grasp:
         v: ArrayLike | None = None,
         origin: ArrayLike = (0.0, 0.0, 0.0),
         tau_max: float | Mapping[str, float] | None = None,
+        urdf: str | Path | None = None,
+        on: Literal["object", "robot"] | None = None,
         locked: Sequence[str] = (),
         motors: Sequence[str] | None = None,
     ) -> Grasp:
@@ -190,8 +228,9 @@ class Grasp:
         ``tau_bias`` is what gravity and Coriolis forces take of the joints.
 
         Args:
-            model: a ``pinocchio.Model``; a floating base is taken as held. Mimic joints are in it
-                only if it was built with ``mimic=True``; otherwise each has a motor of its own.
+            model: a ``pinocchio.Model``; a floating base is taken as held, or see ``on``. Mimic
+                joints are in it only if it was built with ``mimic=True``; otherwise ``urdf`` tells
+                them.
             q: its configuration, shape (nq,).
             contacts: n contacts, in the model's world.
             links: the frame that makes each of them, by name; "universe" for what does not move.
@@ -199,20 +238,31 @@ class Grasp:
             origin: the point about which the torque in f is taken, shape (3,) [m].
             tau_max: torque limits in place of the model's, both ways: one number for all, or by
                 name [N·m; N for prismatic joints].
+            urdf: the URDF that the model is of, a path or its text, for its mimic joints.
+            on: what W c = f is about: "object", which the links push; or "robot", which floats and
+                stands on the contacts: their normals point into it, c is what the ground exerts on
+                it, and ``load`` the f that carries it. By default the object, but the robot where
+                it floats and stands on the contacts as they are given: normals up, below its
+                centre of mass.
             locked: joints that are held whatever the contacts do to them, as by brakes.
             motors: the joints that have motors; the others turn freely, but for those that are
                 locked.
 
         Raises:
             MissingExtraError: Pinocchio is not installed.
-            InvalidInputError: a wrong shape, a frame that is not there.
-            ModelImportError: no motor moves any of the links; a joint without a torque limit.
+            InvalidInputError: a wrong shape, a frame that is not there; ``on="robot"`` with a base
+                that does not float.
+            ModelImportError: no motor moves any of the links; a joint without a torque limit; two
+                joints like the jaws of a gripper, without ``urdf`` or limits by name; no URDF.
         """
         from graspforce.hands.pinocchio.grasp import PinocchioGrasp
 
-        return cls._imported(
-            PinocchioGrasp(model, q, contacts, links, v, origin, tau_max, locked, motors)
+        read = PinocchioGrasp(
+            model, q, contacts, links, v, origin, tau_max, urdf, on, locked, motors
         )
+        grasp = cls._imported(read)
+        grasp.load = read.load
+        return grasp
 
     @classmethod
     def _imported(cls, read: ImportedGrasp) -> Grasp:
@@ -241,7 +291,8 @@ class Grasp:
 
         With an underactuated hand its W and f have ``passive_rows`` and ``passive_loads``
         below the wrench; ``f_soft`` is of the wrench alone, and these rows hold. Of an object on
-        joints the wrench's rows are ``motions.T @ W`` and ``motions.T @ f``.
+        joints the wrench's rows are ``motions.T @ W`` and ``motions.T @ f``. Points of one patch
+        share the weight of one contact: ``cone_weight=1`` counts each of them as one.
 
         Args:
             f: wrench that the fingers exert on the object, shape (6,) [N, N·m].
@@ -254,6 +305,11 @@ class Grasp:
         hand: ProblemOptions = {
             "J": self.J, "tau_lo": self.tau_lo, "tau_hi": self.tau_hi, "tau_bias": self.tau_bias,
         }  # fmt: skip
+        if len(self.internal):
+            hand["internal"] = self.internal
+        weight = self.cone_weight
+        if (weight != 1).any():
+            hand["cone_weight"] = weight
         wanted = as_array(f, "f", (6,))
         A, b = self._further_limits(wanted, options)
         W, wanted, soft = self._equations(wanted, options.get("f_soft"))

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from graspforce.files import NamedProblem, NamedSolution
+    from graspforce.solution import Solution
 
 
 # Grasps without an answer whose message is printed below the table; all are in --out.
@@ -106,10 +107,18 @@ def _report(results: list[NamedSolution]) -> None:
     failed = [
         (name, solution) for name, solution in results if solution.status is not Status.SOLVED
     ]
-    lines = [f"{name}: {solution.message}" for name, solution in failed[:MESSAGES]]
+    lines = [f"{name}: {solution.message}{_help(solution)}" for name, solution in failed[:MESSAGES]]
     if len(failed) > MESSAGES:
         lines.append(f"… and {len(failed) - MESSAGES} more without an answer")
     show(_table(results), *lines, counts("grasp", (solution.status for _, solution in results)))
+
+
+def _help(solution: Solution) -> str:
+    """Return what would help a grasp without an answer, to be added to its message."""
+    from graspforce.answers.diagnosis import diagnose
+
+    said = diagnose(solution).line
+    return f"; {said}" if said else ""
 
 
 def _table(results: list[NamedSolution]) -> Table:

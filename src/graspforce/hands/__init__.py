@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from graspforce.hands.hand import ActuatedHand, Hand, LoadedHand, UnderactuatedHand
+from graspforce.hands.hand import (
+    ActuatedHand,
+    Hand,
+    LoadedHand,
+    RedundantHand,
+    UnderactuatedHand,
+)
 from graspforce.hands.imported import ImportedHand
 from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.hand import from_mjcf
@@ -18,6 +24,7 @@ __all__ = [
     "MujocoGrasp",
     "PaperHand",
     "PinocchioGrasp",
+    "RedundantHand",
     "UnderactuatedHand",
     "from_mjcf",
     "from_urdf",

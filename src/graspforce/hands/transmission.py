@@ -14,6 +14,13 @@ A joint that leans on a stop takes part as if the stop were a drive that only pu
 the stop, ``stops @ dq``, is one more dl, whose force has to be 0 or more. That holds for stops that
 bear what no drive does. One that acts on what one drive moves opens the drive's limit to its side.
 Any other is left out, which asks for less than the hand could bear.
+
+Where drives are more than the motions that they move (a flexor and an extensor, muscles, two motors
+on one motion), those motions of theirs are not independent, and their forces are not determined:
+besides ``driven.T @ Q`` they may have any ``internal.T @ v``, which does no work on any allowed
+motion. Some of them, as many as are independent, carry Q in ``driven``; each of the others has
+zeros there, and its force is one of v. No v loads a stop that bears what no drive does, and a stop
+opens limits of drives that carry alone: so stops have no part of v.
 """
 
 from __future__ import annotations
@@ -36,6 +43,9 @@ class Transmission(NamedTuple):
     """Joint motion per motion of each drive, shape (n_dofs, n_drives)."""
     free: Array
     """An orthonormal basis of the motions that no drive takes part in, shape (n_dofs, k)."""
+    internal: Array
+    """Forces of the drives that balance among themselves, shape (r, n_drives): a row has 1 for one
+    drive that ``driven`` leaves out, and what others that it does not must give against it."""
     stopped: Array
     """Joint motion per motion off each stop that bears what no drive does, shape (n_dofs, s)."""
     bearing: tuple[int, ...]
@@ -54,24 +64,28 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
         couplings: the joint motions for which ``couplings @ dq`` is not 0 are impossible,
             shape (p, n_dofs).
         stops: joint motions away from the stops that joints lean on, shape (n_stops, n_dofs).
-
-    Drives that act on the same motion share its load, each in proportion to its moment arm.
     """
     allowed = null_space(couplings)
     moved = drives @ allowed
     off = np.zeros((0, allowed.shape[1])) if stops is None else stops @ allowed
-    bearing = _bearing(off, moved)
-    either = np.vstack((moved, off[list(bearing)]))
+    carrying, bearing = _independent(moved), _bearing(off, moved)
+    others, count = np.setdiff1d(np.arange(len(drives)), carrying), len(carrying)
+    either = np.vstack((moved[carrying], off[list(bearing)]))
     inverse = np.linalg.pinv(either, rcond=RANK_TOLERANCE)
-    motions, count = _rounded(allowed @ inverse), len(drives)
+    motions = _rounded(allowed @ inverse)
+    driven = np.zeros(drives.shape[::-1])
+    driven[:, carrying] = motions[:, :count]
+    internal = np.zeros((len(others), len(drives)))
+    internal[:, carrying] = _rounded(-moved[others] @ inverse[:, :count])
+    internal[np.arange(len(others)), others] = 1.0
     beside: list[tuple[int, int, int]] = []
     for i in range(len(off)):
         shares = _rounded(off[i] @ inverse)
-        drive = int(np.argmax(np.abs(shares))) if shares.any() else count
-        if i not in bearing and np.count_nonzero(shares) == 1 and drive < count:
-            beside.append((i, drive, int(np.sign(shares[drive]))))
+        most = int(np.argmax(np.abs(shares))) if shares.any() else count
+        if i not in bearing and np.count_nonzero(shares) == 1 and most < count:
+            beside.append((i, carrying[most], int(np.sign(shares[most]))))
     return Transmission(
-        motions[:, :count], _rounded(allowed @ null_space(either)), motions[:, count:], bearing,
+        driven, _rounded(allowed @ null_space(either)), internal, motions[:, count:], bearing,
         tuple(beside),
     )  # fmt: skip
 
@@ -83,6 +97,28 @@ def connected_dofs(moving: NDArray[np.bool_], rows: Array) -> NDArray[np.intp]:
         if (wider == moving).all():
             return np.flatnonzero(moving)
         moving = wider
+
+
+def _independent(rows: Array) -> list[int]:
+    """Return which rows make a basis of them all, in their order; well conditioned, earlier first.
+
+    Of the rows at unit length, what those taken already leave of each is looked at, and the first
+    that keeps half of the most is taken: a small change of the rows seldom changes which.
+    """
+    sizes = np.linalg.norm(rows, axis=1)
+    left = rows / np.where(sizes > RANK_TOLERANCE * sizes.max(initial=0.0), sizes, np.inf)[:, None]
+    taken: list[int] = []
+    while True:
+        lengths = np.linalg.norm(left, axis=1)
+        most = lengths.max(initial=0.0)
+        if most <= RANK_TOLERANCE:
+            return sorted(taken)
+        first = int(np.argmax(lengths >= most / 2))
+        taken.append(first)
+        along = left[first] / lengths[first]
+        for _ in range(2):  # once more for what cancellation leaves
+            left = left - np.outer(left @ along, along)
+        left[first] = 0.0
 
 
 def _bearing(rows: Array, of: Array) -> tuple[int, ...]:

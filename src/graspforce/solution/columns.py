@@ -21,7 +21,7 @@ from graspforce._engine.layout import Layout
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.equations import Barriers, Cones
-from graspforce.problem import all_limits, soft_rows
+from graspforce.problem import all_limits, preload, soft_rows, without_pulls
 from graspforce.solution import Solution
 
 # Most solutions computed together; bounds the memory for their limits.
@@ -211,11 +211,17 @@ class _Chunk:
     def __init__(self, layout: Layout, solutions: Sequence[Solution]) -> None:
         self.layout = layout
         self.c = np.array([each.c for each in solutions])
+        self.internal_forces = np.array([each.internal_forces for each in solutions])
         self.data = layout.views(np.array([each.problem.packed for each in solutions]))
-        self.cones = Cones.of(layout.dims, self.data["mu"], self.data["gamma"])
+        shift = preload(layout, self.data)[..., : self.c.shape[-1]]
+        self.loaded = self.c + shift  # what the ordinary cones hold
+        weight = self.data["cone_weight"] if layout.cone_weights else None
+        self.cones = Cones.of(layout.dims, self.data["mu"], self.data["gamma"], weight)
 
     def tau(self) -> Array:
-        return equations.joint_torques(self.c, self.data["J"], self.data["tau_bias"])
+        forces = np.concatenate((self.c, self.internal_forces), axis=1)
+        arms = np.concatenate((self.data["J"], self.data["internal"]), axis=1)
+        return equations.joint_torques(forces, arms, self.data["tau_bias"])
 
     def normal_forces(self) -> Array:
         return self.c[:, list(accumulate(self.layout.dims, initial=0))[:-1]]
@@ -230,15 +236,17 @@ class _Chunk:
         return equations.wrench_error(self.c, self.data["W"], self.data["f"])
 
     def friction_margins(self) -> Array:
-        return equations.friction_margins(self.c, self.cones)
+        return equations.friction_margins(self.loaded, self.cones)
 
     def friction_residual(self) -> Array:
-        return equations.friction_residual(self.c, self.cones)
+        return equations.friction_residual(self.loaded, self.cones)
 
     def phi(self) -> Array:
-        A, b = all_limits(self.layout, self.data)
-        soft = soft_rows(self.data) if self.layout.soft_wrench else ()
-        return equations.objective(self.c, Barriers(self.cones, A, b, self.data["alpha"], *soft))
+        layout, data = without_pulls(self.layout, self.data)
+        A, b = all_limits(layout, data)
+        soft = soft_rows(data) if layout.soft_wrench else ()
+        forces = np.concatenate((self.loaded, self.internal_forces), axis=1)
+        return equations.objective(forces, Barriers(self.cones, A, b, data["alpha"], *soft))
 
 
 _FROM_DATA: dict[str, Callable[[_Chunk], Array]] = {

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array, as_tuple, came, index_of
-from graspforce.contact import Contact, ContactModel, as_contacts
+from graspforce.contact import Contact, ContactModel, as_contacts, patch_weights
 from graspforce.errors import InvalidInputError, warn
 from graspforce.grasp_map import map_about
 from graspforce.hands.configuration import (
@@ -26,6 +26,7 @@ from graspforce.hands.configuration import (
     locking_rows,
     notes_of,
     stop_notes,
+    undetermined_notes,
     warnings_of,
 )
 from graspforce.hands.hand import Actuation
@@ -122,6 +123,8 @@ class MujocoGrasp:
             gravity, Coriolis forces, and what springs, dampers and fluids do to the joints.
         passive_rows: virtual work of c over the motions that no motor moves, shape (k, m).
         passive_loads: what it has to be, shape (k,).
+        internal: forces of the motors that balance among themselves, shape (r, n_joints), where
+            they are more than the motions; it changes with the moment arms, as J does.
         A: limits ``A c ≤ b`` of stops that joints lean on and that only push, shape (p, m).
         b: shape (p,).
         motions: the motions that the object's own joints leave it, shape (6, k), as
@@ -147,6 +150,7 @@ class MujocoGrasp:
     tau_bias: Array
     passive_rows: Array
     passive_loads: Array
+    internal: Array
     A: Array
     b: Array
     motions: Array | None
@@ -244,10 +248,11 @@ class MujocoGrasp:
         self.origin, self.actuation = origin, actuation
         self.motions = self._motions(data, moments, coupled)
         self.W = np.ascontiguousarray(wrenches.T)
-        (
-            self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads, self.A, self.b, *_,
-        ) = actuation  # fmt: skip
+        self.joint_names, self.J = actuation.joint_names, actuation.J
+        self.tau_lo, self.tau_hi = actuation.tau_lo, actuation.tau_hi
+        self.tau_bias, self.internal = actuation.tau_bias, actuation.internal
+        self.passive_rows, self.passive_loads = actuation.passive_rows, actuation.passive_loads
+        self.A, self.b = actuation.A, actuation.b
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
@@ -297,12 +302,18 @@ class MujocoGrasp:
             notes.append(
                 "the simulation's friction pyramids lie inside the exact cones of the grasp"
             )
-        return tuple(notes)
+        W = self.W if self.motions is None else self.motions.T @ self.W
+        return (*notes, *undetermined_notes(W, self.passive_rows, self.J))
 
     @property
     def object_name(self) -> str:
         """The name of the object's body."""
         return name_of(self._model, mujoco_module().mjtObj.mjOBJ_BODY, self._body)
+
+    @property
+    def pull(self) -> Array:
+        """What adhesion holds each contact with as it is controlled now, shape (n,) [N]."""
+        return self._contacts.pull
 
     @property
     def geoms(self) -> Indices:
@@ -323,6 +334,11 @@ class MujocoGrasp:
     def normals(self) -> Array:
         """The contacts' unit normals into the object, shape (n, 3)."""
         return self._contacts.axes[:, 0]
+
+    @property
+    def cone_weight(self) -> Array:
+        """Weights of the cones, shape (n,): points of one patch share 1, as in a Grasp."""
+        return patch_weights(self.normals, self.links)
 
     def jacobian(self, contacts: Sequence[Contact], links: Sequence[str | int]) -> Array:
         """Return J of contacts that do not come from MuJoCo: measured or planned ones.
