@@ -203,7 +203,7 @@ class PinocchioGrasp:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know, a sentence each."""
-        *_, rows, _ = self.actuation
+        rows = self.actuation.passive_rows
         return (*self._notes, *undetermined_notes(self.W, rows, self.J))
 
     def _base_wrench(self, q: Array, forces: Array, about: Array) -> Array:
