@@ -195,13 +195,15 @@ def test_a_refused_tick_says_why_and_changes_nothing(servo):
 def test_every_field_is_found_in_the_shape_of_pythons(lib):
     rng = np.random.default_rng(0)
     problem = gf.ForceProblem(
-        rng.standard_normal((6, 11)), np.ones(6), [gf.PCWF(0.4), gf.SFC(0.5, 0.01), gf.SFC(1, 0.1)],
+        rng.standard_normal((6, 11)), np.ones(6), [gf.PCWF(0.4, pull=2), gf.SFC(0.5, 0.01), gf.SFC(1, 0.1)],
         rng.standard_normal((11, 5)), -np.ones(5), np.ones(5), c_max=10.0, c_min=0.1,
-        A=rng.standard_normal((2, 11)), b=np.ones(2), f_soft=np.ones(6),
+        A=rng.standard_normal((2, 11)), b=np.ones(2), f_soft=np.ones(6), cone_weight=0.5,
         c_last=np.zeros(11), dc_max=np.ones(11),
     )  # fmt: skip
-    servo = CServo(lib, problem, b" c_max c_min f_soft  c_last dc_max")
-    for name, values in problem.layout.views(problem.packed).items():
+    servo = CServo(lib, problem, b" c_max c_min pull f_soft  cone_weight c_last dc_max")
+    views = problem.layout.views(problem.packed)
+    assert views.pop("internal").size == 0
+    for name, values in views.items():
         np.testing.assert_array_equal(servo.field(name).ravel(), values.ravel(), err_msg=name)
     assert servo.field("friction") is None
     servo.destroy()
@@ -227,7 +229,10 @@ def test_limits_are_taken_or_refused_whole(servo):
         ((6, 1, None, 0, 0, None), "models: got null, expected one a contact"),
         ((6, 2, [3, 2], 0, 0, None), "models[1]: got 2, expected 1 (FPC), 3 (PCWF) or 4 (SFC)"),
         ((6, 1, [3], -1, 0, None), "-1 joints"),
-        ((6, 1, [3], 0, 0, b"c_max c_mx"), "optional: got c_mx, expected c_max, c_min, f_soft"),
+        (
+            (6, 1, [3], 0, 0, b"c_max c_mx"),
+            "optional: got c_mx, expected c_max, c_min, pull, f_soft",
+        ),
     ],
 )
 def test_a_servo_that_cannot_be_made_says_why(arguments, words, lib):

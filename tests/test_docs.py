@@ -16,7 +16,7 @@ CUBE = """<body name="cube" pos="0 0 .1"><freejoint/>
 # What a page's snippets need besides NumPy.
 NEEDS = ("mujoco", "pinocchio", "warp", "clarabel")
 # These are run where their subject is tested, since their results are looked at further.
-ELSEWHERE = ("README.md", "hands.md", "legs.md", "gpu.md", "simulation.md")
+ELSEWHERE = ("README.md", "answers.md", "hands.md", "legs.md", "gpu.md", "simulation.md")
 SNIPPETS = [page for page in PAGES if blocks(page, "python") and page.name not in ELSEWHERE]
 
 

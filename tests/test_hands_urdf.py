@@ -697,9 +697,9 @@ def test_jaws_whose_motors_a_model_does_not_tell_are_refused(case):
     assert grasp.joint_names == ("wrist", "left", "right")
     assert any("urdf= does" in note for note in grasp.notes)
     # So do motors that are named, both or with the other one locked, and no note has doubts.
-    for said in ({"motors": ["left", "right"]}, {"motors": ["left"], "locked": ["right"]}):
-        grasp = gf.Grasp.from_pinocchio(model, q, pinch(), ["a", "b"], **said)
-        assert grasp.joint_names == tuple(said["motors"])
+    for motors, locked in ((("wrist", "left", "right"), ()), (("wrist", "left"), ("right",))):
+        grasp = gf.Grasp.from_pinocchio(model, q, pinch(), ["a", "b"], motors=motors, locked=locked)
+        assert grasp.joint_names == motors
         assert not any("urdf= does" in note for note in grasp.notes)
     with pytest.raises(gf.ModelImportError, match="joints 'left' and 'right' of one link"):
         gf.Grasp.from_pinocchio(model, q, pinch(), ["a", "b"], motors=["wrist", "left"])

@@ -35,7 +35,9 @@ bool take_optional(std::string_view names, Layout& layout) {
     bool& given;
   } known[] = {{"c_max", layout.ceilings},
                {"c_min", layout.floors},
+               {"pull", layout.pulls},
                {"f_soft", layout.soft_wrench},
+               {"cone_weight", layout.cone_weights},
                {"c_last", layout.rate_limits},
                {"dc_max", layout.rate_limits}};
   while (!names.empty()) {
@@ -45,7 +47,7 @@ bool take_optional(std::string_view names, Layout& layout) {
     for (const auto& field : known)
       if (field.name == name) found = field.given = true;
     if (found) continue;
-    describe_error("optional: got %.*s, expected c_max, c_min, f_soft, c_last, dc_max",
+    describe_error("optional: got %.*s, expected c_max, c_min, pull, f_soft, cone_weight, dc_max",
                    int(std::min<std::size_t>(name.size(), 60)), name.data());
     return false;
   }

@@ -46,8 +46,8 @@ typedef struct graspforce_servo graspforce_servo;
 
 // Makes a servo for the largest grasp that there will be; contacts leave it by an engagement of 0.
 // `models` are the contacts' models. `optional` names, apart by spaces, the optional fields that
-// the problem has: c_max, c_min, f_soft, dc_max (with c_last). Null: why stands in
-// graspforce_error().
+// the problem has: c_max, c_min, pull, f_soft, cone_weight, dc_max (with c_last). Null: why stands
+// in graspforce_error(). (Internal forces of redundant motors are for C++ and Python alone.)
 GRASPFORCE_API graspforce_servo* graspforce_create(int wrench_rows, int contacts, const int* models,
                                                    int joints, int inequalities,
                                                    const char* optional);
@@ -56,10 +56,10 @@ GRASPFORCE_API void graspforce_destroy(graspforce_servo* servo);  // null is lef
 // Why the last graspforce_create of this thread returned null; "" when it did not.
 GRASPFORCE_API const char* graspforce_error(void);
 
-// The numbers of a field (W, f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, f_soft,
-// c_last, dc_max, A, b, mu, gamma, alpha), to be written in place; they stay where they are for the
-// life of the servo. Null: no such field, or it has no entries here. `rows` and `columns` may be
-// null. Engagement, mu and gamma begin at 1, alpha at 5, all else at 0.
+// The numbers of a field (W, f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, pull,
+// f_soft, c_last, dc_max, A, b, mu, gamma, cone_weight, alpha), to be written in place; they stay
+// where they are for the life of the servo. Null: no such field, or it has no entries here. `rows`
+// and `columns` may be null. Engagement, mu and gamma begin at 1, alpha at 5, all else at 0.
 GRASPFORCE_API double* graspforce_field(graspforce_servo* servo, const char* name, int* rows,
                                         int* columns);
 
