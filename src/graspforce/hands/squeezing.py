@@ -6,9 +6,10 @@ reports them that is an accident of the geometry, and a ceiling far above what t
 keeps it from deciding anything.
 
 Such forces c make W c = 0 and J.T c = 0, do no work on passive motions and push off no stop:
-all of that is rows @ c = 0. Whether any forces inside the friction cones do, Wolfe's algorithm
-tells ("Finding the nearest point in a polytope", Mathematical Programming 11, 1976): it finds the
-point nearest to 0 among rows @ c for the c whose normal forces sum to 1.
+all of that is rows @ c = 0. Internal forces of redundant motors add nothing: each is all that one
+motor gives, and no stop opens that motor's limits. Whether any forces inside the friction cones
+do, Wolfe's algorithm tells ("Finding the nearest point in a polytope", Mathematical Programming 11,
+1976): it finds the point nearest to 0 among rows @ c for the c whose normal forces sum to 1.
 """
 
 from __future__ import annotations
