@@ -87,6 +87,10 @@ def test_only_what_works_along_its_joints_is_asked_for(case):
     wrench = grasp.W @ c
     problem = grasp.problem(wrench)
     assert problem.W.shape == (count, grasp.W.shape[1])
+    # What the object's joints bear tells nothing of the contacts.
+    told = np.vstack((grasp.motions.T @ grasp.W, grasp.passive_rows, grasp.J.T))
+    assert grasp.undetermined == len(grasp.J) - np.linalg.matrix_rank(told, 1e-9)
+    assert any(each.startswith(f"{grasp.undetermined} of ") for each in grasp.notes)
     solution = gf.solve(problem, check=True)
     done = grasp.motions.T @ (grasp.W @ solution.c - wrench)
     np.testing.assert_allclose(done, 0, atol=1e-7)
