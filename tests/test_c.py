@@ -195,7 +195,8 @@ def test_a_refused_tick_says_why_and_changes_nothing(servo):
 def test_every_field_is_found_in_the_shape_of_pythons(lib):
     rng = np.random.default_rng(0)
     problem = gf.ForceProblem(
-        rng.standard_normal((6, 11)), np.ones(6), [gf.PCWF(0.4, pull=2), gf.SFC(0.5, 0.01), gf.SFC(1, 0.1)],
+        rng.standard_normal((6, 11)), np.ones(6),
+        [gf.PCWF(0.4, pull=2), gf.SFC(0.5, 0.01), gf.SFC(1, 0.1)],
         rng.standard_normal((11, 5)), -np.ones(5), np.ones(5), c_max=10.0, c_min=0.1,
         A=rng.standard_normal((2, 11)), b=np.ones(2), f_soft=np.ones(6), cone_weight=0.5,
         c_last=np.zeros(11), dc_max=np.ones(11),
