@@ -215,7 +215,7 @@ int main() {
   steps_of_least_squares_are_stationary();
   Random random(5);
   int compared = 0, kernels[7] = {}, close = 0;
-  for (int trial = 0; trial < 3000; ++trial) {
+  for (int trial = 0; trial < 5000; ++trial) {
     Layout layout = random_layout(random, 12);
     layout.pulls = false;  // which kernels do not see
     layout.internals = 0;  // which general blocks alone have
