@@ -277,3 +277,36 @@ except KeyboardInterrupt:
         except subprocess.TimeoutExpired:
             os.kill(run.pid, signal.SIGINT)
         assert run.stdout.read() == "stopped\n"
+
+
+def test_solve_many_keeps_the_order_of_mixed_layouts():
+    rng = np.random.default_rng(11)
+    problems = [geometry(rng)[0] for _ in range(30)] + grasps(30, seed=8)
+    problems = [problems[i] for i in rng.permutation(60)]
+    solutions = gf.solve_many(each for each in problems)
+    assert len(solutions) == 60
+    for problem, found in zip(problems, solutions, strict=True):
+        alone = gf.solve(problem)
+        assert found.problem is problem
+        assert found.status is alone.status
+        if found.status is gf.Status.SOLVED:
+            size = np.abs(alone.c).max()
+            np.testing.assert_allclose(found.c, alone.c, atol=1e-6 * size, rtol=0)
+    assert gf.solve_many([]) == []
+
+
+def test_a_stream_of_problems_is_read_as_it_is_solved():
+    problem = grasps(1)[0]
+    read = 0
+
+    def endless():
+        nonlocal read
+        while True:
+            read += 1
+            yield problem
+
+    stream = gf.iterate_many(endless())
+    assert next(stream).status is gf.Status.SOLVED
+    assert read < 20_000
+    with pytest.raises(gf.InvalidInputError, match="problems: got 3"):
+        gf.solve_many([problem, 3])

@@ -73,7 +73,7 @@ def assert_agree(found, expected, words):
     for name, value in zip(QUANTITIES, found, strict=True):
         part = expected[place : place + np.size(value)]
         place += np.size(value)
-        scale = np.abs(part).max(initial=0) + 1e-5
+        scale = np.abs(part).max(initial=0) + 1e-4
         np.testing.assert_allclose(
             np.ravel(value), part, atol=1e-6 * scale, rtol=0, err_msg=f"{words} {name}"
         )

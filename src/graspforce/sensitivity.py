@@ -58,21 +58,16 @@ class Sensitivity:
         solved: which rows have derivatives, shape (B,), or a truth value for a single answer.
     """
 
-    def __init__(self, answer: Solution | Batch) -> None:
-        require_instance(answer, "answer", Solution | Batch, "a Solution or a Batch")
-        self._single = isinstance(answer, Solution)
-        if isinstance(answer, Solution):
-            problem = answer.problem
-            data = problem.layout.views(problem.packed)
-            problems = BatchProblems(
-                problem.layout, {name: view[None] for name, view in data.items()}, 1
-            )
-            c, nu = answer.c[None], answer.nu[None]
-            solved = np.array([answer.status is Status.SOLVED])
-        else:
-            problems, c, nu, solved = answer.problems, answer.c, answer.nu, answer.solved
+    def __init__(
+        self,
+        problems: BatchProblems,
+        c: Array,
+        nu: Array,
+        solved: NDArray[np.bool_],
+        single: bool = False,
+    ) -> None:
         self._problems, self._c, self._nu = problems, c, nu
-        self._solved = np.array(solved)
+        self._solved, self._single = solved, single
         self._layout = problems.layout
 
     @property
@@ -458,4 +453,11 @@ def sensitivity(answer: Solution | Batch) -> Sensitivity:
     Raises:
         InvalidInputError: something else.
     """
-    return Sensitivity(answer)
+    require_instance(answer, "answer", Solution | Batch, "a Solution or a Batch")
+    if isinstance(answer, Batch):
+        return Sensitivity(answer.problems, answer.c, answer.nu, answer.solved)
+    problem = answer.problem
+    fields = {name: view[None] for name, view in problem.layout.views(problem.packed).items()}
+    problems = BatchProblems(problem.layout, fields, 1)
+    solved = np.array([answer.status is Status.SOLVED])
+    return Sensitivity(problems, answer.c[None], answer.nu[None], solved, single=True)
