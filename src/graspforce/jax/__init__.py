@@ -9,6 +9,7 @@ Needs JAX: ``pip install 'graspforce[jax]'``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -167,12 +168,13 @@ def _solve_on_host(static: _Static, *arrays: Any) -> tuple[Any, ...]:
 
 
 def _pull_back_on_host(static: _Static, *arrays: Any) -> list[Any]:
-    to_c, to_tau, c, nu, status, *own = (np.asarray(each) for each in arrays)
+    plain: list[Any] = [np.asarray(each) for each in arrays]
+    status, own = plain[4], plain[5:]
     fields, lead = _flattened(static.names, own)
-    count = int(np.prod(lead))
-    rows = [
+    count = math.prod(lead)
+    rows: list[Any] = [
         np.broadcast_to(each, lead + each.shape[len(lead) :]).reshape(count, -1).astype(float)
-        for each in (to_c, to_tau, c, nu)
+        for each in plain[:4]
     ]
     solved = np.broadcast_to(status, lead).reshape(count) == Status.SOLVED
     by_row = {  # a gradient for each row: JAX adds up those of what rows share
@@ -202,7 +204,7 @@ def _flattened(names: Sequence[str], arrays: Sequence[Any]) -> tuple[dict[str, A
             fields[name] = value.reshape(own)
         else:
             fields[name] = np.broadcast_to(value, lead + own).reshape(-1, *own)
-    count = int(np.prod(lead))
+    count = math.prod(lead)
     if front and all(value.ndim <= axes_of(name) for name, value in fields.items()):
         fields["f"] = np.broadcast_to(fields["f"], (count, *fields["f"].shape))
     return fields, lead
