@@ -310,3 +310,33 @@ def test_a_stream_of_problems_is_read_as_it_is_solved():
     assert read < 20_000
     with pytest.raises(gf.InvalidInputError, match="problems: got 3"):
         gf.solve_many([problem, 3])
+
+
+def test_a_leading_axis_of_one_is_shared(four_fingers):
+    W, f = four_fingers["W"][:1], four_fingers["f"]
+    batch = gf.solve_batch(W, f, PCWF, c_max=20)
+    assert batch.c.tobytes() == gf.solve_batch(W[0], f, PCWF, c_max=20).c.tobytes()
+    assert batch.solved.any()
+
+
+def test_a_coefficient_of_which_only_the_square_counts_is_still_checked(four_fingers):
+    rng = np.random.default_rng(0)
+    W = rng.normal(size=(3, 6, 16))
+    gamma = np.full((3, 4), 0.005)
+    gamma[1, 2] = -0.005
+    f = 0.1 * np.array([each[:, ::4].sum(axis=1) for each in W])
+    batch = gf.solve_batch(W, f, gf.SFC(0.5, 0.005), c_max=20, gamma=gamma)
+    assert (batch.status == gf.Status.INVALID_NUMBERS).tolist() == [False, True, False]
+    assert batch.reason(1) == "gamma[2]: got -0.005, expected more than 0"
+
+
+def test_a_joint_that_touches_nothing_is_a_condition_by_itself(four_fingers):
+    fields = {name: v[1:3] if np.ndim(v) else v for name, v in four_fingers.items()}
+    fields["J"] = np.array(fields["J"])
+    fields["J"][:, :, 4] = 0
+    lo = np.full((2, 12), -0.5)
+    lo[1, 4] = 0.1  # with a torque that is always 0
+    batch = gf.solve_batch(**(fields | {"tau_lo": lo}))
+    for i in range(2):
+        assert_same(batch, i, gf.solve(row(fields, i).replace(tau_lo=lo[i])))
+    assert batch.status.tolist() == [gf.Status.SOLVED, gf.Status.INFEASIBLE]
