@@ -126,7 +126,7 @@ def test_arrays_are_read_where_they_stand(four_fingers):
     again = gf.solve_batch(W, f, PCWF, c_max=20, out=out)
     assert tracemalloc.get_traced_memory()[1] < 1e5  # W has 11.5 MB
     tracemalloc.stop()
-    assert again.c is out.c
+    assert np.shares_memory(again.c, out.c)
 
 
 @pytest.mark.parametrize("change", ["float32", "strided", "reversed", "integers"])
@@ -340,3 +340,60 @@ def test_a_joint_that_touches_nothing_is_a_condition_by_itself(four_fingers):
     for i in range(2):
         assert_same(batch, i, gf.solve(row(fields, i).replace(tau_lo=lo[i])))
     assert batch.status.tolist() == [gf.Status.SOLVED, gf.Status.INFEASIBLE]
+
+
+def with_pulls(rng, fields):
+    fields["models"] = [gf.PCWF(0.5, pull) for pull in (3.0, 0.0, 1.0, 0.0)]
+    fields["f"][::3] *= -1
+
+
+def with_internal_forces(rng, fields):
+    joints = fields["J"].shape[2]
+    fields["internal"] = rng.normal(size=(2, joints))
+
+
+def with_cone_weights(rng, fields):
+    fields["cone_weight"] = rng.uniform(0.1, 2, size=(len(fields["f"]), 4))
+
+
+KINDS = [with_pulls, with_internal_forces, with_cone_weights]
+
+
+@pytest.mark.parametrize("backend", ["native", "reference"])
+@pytest.mark.parametrize("kinds", [*([kind] for kind in KINDS), KINDS])
+def test_pulls_internal_forces_and_weights_of_cones(kinds, backend):
+    problems = grasps(40 if backend == "native" else 4, seed=9)
+    fields = arrays(problems, "W", "f", "J", "alpha")
+    fields |= {"models": PCWF, "tau_lo": -0.5, "tau_hi": 0.5, "c_max": 40.0}
+    fields["engagement"] = np.ones((len(problems), 4))
+    fields["engagement"][1, 0] = 0  # out of the grasp
+    for kind in kinds:
+        kind(np.random.default_rng(2), fields)
+    settings = gf.Settings(backend=backend)
+    batch = gf.solve_batch(**fields, settings=settings)
+    assert batch.solved.sum() > len(problems) // 2
+    assert batch.verify().ok.all()
+    shared = ("models", "tau_lo", "tau_hi", "c_max", "internal")
+    for i in range(len(problems)):
+        one = gf.ForceProblem(
+            **{name: value if name in shared else value[i] for name, value in fields.items()}
+        )
+        assert batch[i].problem == one
+        solution = gf.solve(one, settings)
+        assert_same(batch, i, solution)
+        if not batch.solved[i]:
+            continue
+        names = ("tau", "friction_margins", "torque_margins", "phi", "friction_residual",
+                 "internal_forces", "suboptimality")  # fmt: skip
+        for name in names:
+            value = getattr(solution, name)
+            size = np.abs(value)[np.isfinite(value)].max(initial=0) + 1e-6
+            np.testing.assert_allclose(getattr(batch, name)[i], value, atol=1e-6 * size, rtol=1e-6)
+    again = gf.solve_batch(**fields, start=batch, settings=settings)
+    taken = again.start[batch.solved] == gf.Start.GIVEN
+    assert taken.all() or "internal" in fields  # of internal forces a start says nothing
+
+
+def test_what_joints_cannot_feel_needs_joints():
+    with pytest.raises(gf.InvalidInputError, match="internal: given without J"):
+        gf.solve_batch(np.eye(3), np.zeros((2, 3)), PCWF, c_max=5.0, internal=np.ones((1, 2)))

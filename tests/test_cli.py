@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ALLEGRO
+from models import paper_hand_urdf
 
 import graspforce as gf
 from graspforce import files
@@ -50,7 +51,7 @@ def rows(table):
 # ---- help and version --------------------------------------------------------------------------
 
 
-COMMANDS = ("solve", "scenario", "simulate", "reproduce", "bench", "compare")
+COMMANDS = ("solve", "explain", "hand", "scenario", "simulate", "reproduce", "bench", "compare")
 
 
 @pytest.mark.parametrize("command", [[], *([each] for each in COMMANDS)])
@@ -96,6 +97,63 @@ def test_cli_examples_of_the_help_run_as_printed(examples):
 def test_cli_version():
     done = run("--version")
     assert (done.returncode, done.stdout) == (0, f"graspforce {gf.__version__}\n")
+
+
+# ---- hand --------------------------------------------------------------------------------------
+
+TWO_FINGERS = """<mujoco><worldbody><body name="palm"><geom type="box" size=".03 .03 .01"/>
+  <body name="p1" pos=".03 0 .02"><joint name="a1" axis="0 1 0"/><geom size=".01"/>
+    <body name="d1" pos="0 0 .04"><joint name="a2" axis="0 1 0"/><geom size=".01"/></body></body>
+  <body name="p2" pos="-.03 0 .02"><joint name="b1" axis="0 1 0"/><geom size=".01"/>
+    <body name="d2" pos="0 0 .04"><joint name="b2" axis="0 1 0"/><geom size=".01"/></body></body>
+  </body></worldbody>
+  <tendon><fixed name="cable"><joint joint="b1" coef=".01"/><joint joint="b2" coef=".008"/></fixed>
+  </tendon><equality><joint joint1="a2" joint2="a1" polycoef="0 .7 0 0 0"/></equality>
+  <actuator><motor joint="a1" ctrlrange="-.5 .5" forcerange="-1 1"/>
+    <motor tendon="cable" ctrlrange="-20 0"/></actuator></mujoco>"""
+
+
+def test_cli_hand_prints_what_is_understood_of_an_mjcf(tmp_path):
+    pytest.importorskip("mujoco")
+    path, picture = tmp_path / "hand.xml", tmp_path / "hand.png"
+    path.write_text(TWO_FINGERS)
+    done = run("hand", path, "--out", picture)
+    assert (done.returncode, done.stderr) == (0, "")
+    cells = [re.split(r"\s{2,}", line.strip()) for line in done.stdout.splitlines()]
+    assert ["d1", "d1", "a1"] in cells
+    assert ["d2", "d2", "cable"] in cells
+    assert ["a1", "-0.5", "0.5", "N·m", "forcerange, ctrlrange"] in cells
+    assert ["cable", "-20", "0", "N", "ctrlrange"] in cells
+    for line in ("no motor controls 1 of 2 motions of 'b1', 'b2'", "'a1' also moves 'a2' by 0.7"):
+        assert len([each for each in done.stdout.splitlines() if each.startswith(line)]) == 1
+    assert "2 fingers, 2 motors; q holds 3 angles: a1, b1, b2" in done.stdout
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert run("hand", path, "--out", tmp_path / "hand.gif").returncode == 2
+    tips = run("hand", path, "--tip", "d1", "--tau-max", "0.2").stdout
+    assert "1 fingers, 1 motors" in tips
+    assert "--tau-max" in tips
+
+
+def test_cli_hand_reads_a_urdf_whatever_its_name(tmp_path):
+    pytest.importorskip("pinocchio")
+    path = tmp_path / "robot.xml"
+    path.write_text(paper_hand_urdf("radial"))
+    done = run("hand", path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "4 fingers, 12 motors" in done.stdout
+    assert re.search(r"finger4_knee +-0.5 +0.5 +N·m +effort", done.stdout)
+    assert "Nothing to remark" in done.stdout
+
+
+def test_cli_hand_refuses_in_one_line(tmp_path):
+    pytest.importorskip("mujoco")
+    still = tmp_path / "still.xml"
+    still.write_text('<mujoco><worldbody><body><geom size=".1"/></body></worldbody></mujoco>')
+    for path, text in ((still, "nothing in it is moved by a motor"), ("none.xml", "no such file")):
+        done = run("hand", path)
+        assert done.returncode == 2
+        assert done.stderr.count("\n") == 1
+        assert text in done.stderr
 
 
 # ---- solve -------------------------------------------------------------------------------------

@@ -217,3 +217,14 @@ def test_what_is_no_quantity_or_field():
         derivatives.jvp(f=np.ones(5))
     with pytest.raises(gf.InvalidInputError, match="answer: got"):
         gf.sensitivity(3)
+
+
+@pytest.mark.parametrize("name", ["pull", "internal", "cone_weight"])
+def test_fields_without_derivatives_are_refused_by_name(name):
+    problem = grasps(1, seed=4)[0]
+    models = [gf.PCWF(0.5, 1.0)] * 4 if name == "pull" else problem.models
+    further = {"internal": np.ones((1, 12)), "cone_weight": 0.5}
+    changes = {key: value for key, value in further.items() if key == name}
+    answer = gf.solve(problem.replace(models=models, **changes))
+    with pytest.raises(gf.InvalidInputError, match=f"^{name}: got a problem with it"):
+        gf.sensitivity(answer)

@@ -97,9 +97,9 @@ inline nb::object solve_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::seq
   const std::size_t m = rows.layout.components(), k = rows.layout.wrench_rows;
   if (!start.is_none()) rows.start = column_of(start, 1, m, count, "start");
   const std::size_t entries = count;
-  if (c.size() != entries * m || nu.size() != entries * k || status.size() != entries ||
-      newton_steps.size() != entries || starts.size() != entries || decrement.size() != entries ||
-      violation.size() != entries)
+  if (c.size() != entries * force_count(rows.layout) || nu.size() != entries * k ||
+      status.size() != entries || newton_steps.size() != entries || starts.size() != entries ||
+      decrement.size() != entries || violation.size() != entries)
     throw nb::value_error("outputs: expected arrays of one entry, or line, a row");
   std::optional<std::vector<BatchProof>> proofs;
   {
@@ -130,8 +130,9 @@ inline void kkt_solve_batch(nb::handle tuple, std::ptrdiff_t count, nb::sequence
                             int threads) {
   const BatchRows rows = rows_of(tuple, count, fields);
   const std::size_t m = rows.layout.components(), k = rows.layout.wrench_rows;
-  const Column forces = column_of(c, 1, m, count, "c");
-  if (count > 1 && forces.step != std::ptrdiff_t(m))
+  const std::size_t width = force_count(rows.layout);
+  const Column forces = column_of(c, 1, width, count, "c");
+  if (count > 1 && forces.step != std::ptrdiff_t(width))
     throw nb::value_error("c: expected rows side by side");
   if (wanted.size() != std::size_t(count) || x.shape(0) != std::size_t(count) ||
       x.shape(1) != m + k)

@@ -44,11 +44,13 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
              "kkt_solve in place for the columns of x, (B, m + k, n), of the rows that are wanted; "
              "zeros for the others and for those with forces c that are not strictly inside.");
 
-  module.def("kkt_solve", &graspforce::kkt_solve, "layout"_a, "packed"_a, "c"_a, "rhs"_a,
-             "Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), "
-             "with the Hessian H of Phi at forces c, shape (m,), strictly inside every limit. "
-             "Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get "
-             "nu = 0.");
+  module.def(
+      "kkt_solve", &graspforce::kkt_solve, "layout"_a, "packed"_a, "c"_a, "rhs"_a,
+      "Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), "
+      "with the Hessian H of Phi at forces c, shape (m,), and the internal ones behind them, "
+      "strictly inside every limit. "
+      "Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get "
+      "nu = 0.");
 
   module.def(
       "fields",
@@ -87,6 +89,7 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("start", [](const Outcome& o) { return static_cast<int>(o.result.start); })
       .def_prop_ro("elapsed_us", [](const Outcome& o) { return o.result.elapsed_us; })
       .def_prop_ro("c", field(&Outcome::c, &Outcome::m))
+      .def_prop_ro("internal_forces", field(&Outcome::internal_forces, &Outcome::internals))
       .def_prop_ro("nu", field(&Outcome::nu, &Outcome::k))
       .def_prop_ro("y", proof(&Outcome::y, &Outcome::k))
       .def_prop_ro("z", proof(&Outcome::z, &Outcome::limits))
@@ -116,6 +119,11 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
                    [](nb::handle_t<Servo> self) {
                      const graspforce::Engine& engine = nb::cast<Servo&>(self).engine();
                      return graspforce::view(self, engine.forces(), engine.layout().components());
+                   })
+      .def_prop_ro("internal_forces",
+                   [](nb::handle_t<Servo> self) {
+                     const auto forces = nb::cast<Servo&>(self).internal_forces();
+                     return graspforce::view(self, forces.data(), forces.size());
                    })
       .def_prop_ro("nu", [](nb::handle_t<Servo> self) {
         const graspforce::Engine& engine = nb::cast<Servo&>(self).engine();

@@ -26,7 +26,7 @@ from graspforce._engine.outcome import Start, Status
 from graspforce._engine.settings import Settings
 from graspforce.batch import Batch, BatchVerification, iterate_many, solve_batch, solve_many
 from graspforce.certificate import Certificate, check_certificate
-from graspforce.contact import FPC, PCWF, SFC, Contact
+from graspforce.contact import FPC, PCWF, SFC, Contact, suction_cup
 from graspforce.errors import (
     GraspForceError,
     GraspForceWarning,
@@ -51,16 +51,21 @@ from graspforce.solve import solve
 if TYPE_CHECKING:
     from graspforce import (
         baselines,
+        control,
         equations,
         files,
+        guaranteed,
         hands,
         reference,
         regrasp,
         scenarios,
         sim,
+        soles,
         trajectory,
     )
     from graspforce import warp as warp
+    from graspforce.answers import firmness, payload, robust
+    from graspforce.answers.diagnosis import diagnose
     from graspforce.study import figures
 
 __version__: str
@@ -92,20 +97,28 @@ __all__ = [
     "Verification",
     "baselines",
     "check_certificate",
+    "control",
+    "diagnose",
     "equations",
     "figures",
     "files",
+    "firmness",
     "grasp_map",
+    "guaranteed",
     "hands",
     "iterate_many",
+    "payload",
     "reference",
     "regrasp",
+    "robust",
     "scenarios",
     "sensitivity",
     "sim",
+    "soles",
     "solve",
     "solve_batch",
     "solve_many",
+    "suction_cup",
     "trajectory",
 ]
 
@@ -113,13 +126,30 @@ __all__ = [
 # __all__: it needs its extra, and a star import must not.
 _LAZY = {
     name: f"graspforce.{name}"
-    for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
+    for name in (
+        "baselines",
+        "control",
+        "files",
+        "guaranteed",
+        "hands",
+        "regrasp",
+        "scenarios",
+        "sim",
+        "soles",
+        "trajectory",
+        "warp",
+    )
 } | {"figures": "graspforce.study.figures"}
+_LAZY |= {name: f"graspforce.answers.{name}" for name in ("firmness", "payload", "robust")}
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return importlib.import_module(_LAZY[name])
+    if name == "diagnose":
+        from graspforce.answers.diagnosis import diagnose
+
+        return diagnose
     if name == "__version__":
         from importlib.metadata import version  # as heavy as everything else together
 

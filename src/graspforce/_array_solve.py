@@ -12,6 +12,7 @@ from graspforce._engine.settings import Settings
 from graspforce._util.arrays import Array, require_keywords
 from graspforce.batch import BatchProblems, solve_batch
 from graspforce.contact import ContactModel, model_of, models_for
+from graspforce.errors import InvalidInputError
 from graspforce.problem import ProblemOptions
 from graspforce.sensitivity import Sensitivity
 
@@ -27,10 +28,17 @@ def gather(
     """Return the fields that are given, mu and gamma among them, and the contacts' components.
 
     Raises:
-        InvalidInputError: models that do not fit W, or an unknown option.
+        InvalidInputError: models that do not fit W, an unknown option, or one without derivatives.
     """
     require_keywords(options, [*ProblemOptions.__annotations__, "mu", "gamma"], "solve")
     each = models_for(models, W.shape[-1])
+    refused = {name: options.get(name) for name in ("internal", "cone_weight")}
+    refused["models"] = next((model for model in each if model.pull > 0), None)
+    for name, value in refused.items():
+        if value is not None:
+            raise InvalidInputError(
+                f"{name}: got {value!r}, of which there are no derivatives yet; expected none"
+            )
     fields = {"W": W, "f": f} | {
         name: value for name, value in options.items() if value is not None
     }

@@ -29,7 +29,7 @@ def kkt_solve_batch(layout: object, count: int, fields: Sequence[object], c: obj
 
 def kkt_solve(layout: object, packed: object, c: object, rhs: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), with the Hessian H of Phi at forces c, shape (m,), strictly inside every limit. Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get nu = 0.
+    Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), with the Hessian H of Phi at forces c, shape (m,), and the internal ones behind them, strictly inside every limit. Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get nu = 0.
     """
 
 def fields(layout: object) -> list[tuple[str, int, int, int]]:
@@ -70,6 +70,9 @@ class Outcome:
     def c(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
 
     @property
+    def internal_forces(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
+
+    @property
     def nu(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
 
     @property
@@ -102,6 +105,9 @@ class Servo:
 
     @property
     def c(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
+
+    @property
+    def internal_forces(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
 
     @property
     def nu(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...

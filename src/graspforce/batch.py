@@ -186,19 +186,22 @@ class BatchProblems(Sequence[ForceProblem]):
         k, m = maps.shape[-2:]
         each = models_for(models, m)
         require_groups(given)
-        joints = inequalities = 0
+        joints = inequalities = internals = 0
         if given["J"] is not None:
             joints = as_rows(given["J"], "J", (m, "n_joints")).shape[-1]
+        if given["internal"] is not None:
+            internals = as_rows(given["internal"], "internal", ("r", joints)).shape[-2]
         if given["A"] is not None:
             inequalities = as_rows(given["A"], "A", ("p", m)).shape[-2]
-        layout = layout_of(given, each, k, joints, inequalities)
-        defaults = {name: [getattr(model, name) for model in each] for name in ("mu", "gamma")}
+        layout = layout_of(given, each, k, joints, inequalities, internals)
+        of_models = ("mu", "gamma", "pull")
+        defaults = {name: [getattr(model, name) for model in each] for name in of_models}
         fields: dict[str, NDArray[Any]] = {}
         for name, slot in layout.slots.items():
             value, field = given[name], FIELDS[name]
             if value is None and name not in ("f", "alpha"):
                 value = np.full(slot.shape, field.default)
-                if name in defaults and slot.shape:
+                if name in defaults and value.size:
                     value[:] = defaults[name]
             scalar = field.broadcast or name in defaults
             fields[name] = as_rows(value, name, slot.shape, broadcast=scalar)
@@ -289,7 +292,7 @@ def _fit_rows(value: NDArray[Any], axes: int, count: int, name: str, other: str)
 class _Found:
     """The arrays that the solver writes."""
 
-    c: Array
+    forces: Array  # of the contacts, and the internal ones behind them, shape (B, m + r)
     nu: Array
     status: NDArray[np.int32]
     newton_steps: NDArray[np.int32]
@@ -301,7 +304,7 @@ class _Found:
     def empty(cls, count: int, layout: Layout) -> _Found:
         sizes = layout.sizes
         return cls(
-            np.empty((count, sizes["m"])),
+            np.empty((count, sizes["m"] + sizes["r"])),
             np.empty((count, sizes["k"])),
             np.empty(count, dtype=np.int32),
             np.empty(count, dtype=np.int32),
@@ -340,7 +343,7 @@ def _solve_by_core(
         if "start" in converted:
             guess = np.ascontiguousarray(guess, dtype=np.float64)
         indices, certificates = native.module.solve_batch(
-            rows.layout, len(part), fields, guess, to.c, to.nu, to.status, to.newton_steps,
+            rows.layout, len(part), fields, guess, to.forces, to.nu, to.status, to.newton_steps,
             to.start, to.decrement, to.violation, settings.tol, settings.max_steps, budget_us,
             threads,
         )  # fmt: skip
@@ -359,16 +362,19 @@ def _solve_by_reference(
         if native.module.find_flaw(rows.layout, packed) is not None:
             shape = rows.layout.sizes
             outcome = PlainOutcome(
-                Status.INVALID_NUMBERS, 0, np.zeros(shape["m"]), np.zeros(shape["k"])
-            )
+                Status.INVALID_NUMBERS, 0, np.zeros(shape["m"]), np.zeros(shape["k"]),
+                internal_forces=np.zeros(shape["r"]),
+            )  # fmt: skip
         else:
             guess = start if start is None or start.ndim < 2 else start[i]
             if guess is not None and not np.isfinite(guess).all():
                 guess = None
             problem = ForceProblem.from_packed(rows.layout, packed)
             outcome = dispatch.solve(problem, settings, guess, lambda outcome, _: outcome)
+        found.forces[i] = np.append(outcome.c, outcome.internal_forces)
         for name, value in vars(found).items():
-            value[i] = getattr(outcome, name)
+            if name != "forces":
+                value[i] = getattr(outcome, name)
         if outcome.y is not None and outcome.z is not None:
             proofs[i] = outcome.y, outcome.z
     return proofs
@@ -442,7 +448,12 @@ class Batch(Sequence[Solution]):
     @property
     def c(self) -> Array:
         """Contact forces in the contact frames, shape (B, m) [N, N·m]."""
-        return self.found.c
+        return self.found.forces[:, : self.problems.layout.sizes["m"]]
+
+    @property
+    def internal_forces(self) -> Array:
+        """Internal forces of the motors, shape (B, r); see ``internal`` of a ForceProblem."""
+        return self.found.forces[:, self.problems.layout.sizes["m"] :]
 
     @property
     def nu(self) -> Array:
@@ -485,6 +496,9 @@ class Batch(Sequence[Solution]):
         inside = self.decrement < 1
         bound = np.where(inside, self.decrement, 0.0)
         units = np.minimum(1.0, self.problems.fields["alpha"])
+        if self.problems.layout.cone_weights:
+            weights = np.where(self.problems.active, self.problems.fields["cone_weight"], 1.0)
+            units = np.minimum(units, weights.min(axis=1, initial=1.0))
         return np.where(inside, units * (-bound - np.log1p(-bound)), np.inf)
 
     # ---- what follows from the problems' data -------------------------------------------------
@@ -576,9 +590,9 @@ class Batch(Sequence[Solution]):
         y, z = self._proofs.get(row, (None, None))
         found = self.found
         return PlainOutcome(
-            int(found.status[row]), int(found.newton_steps[row]), np.array(found.c[row]),
+            int(found.status[row]), int(found.newton_steps[row]), np.array(self.c[row]),
             np.array(found.nu[row]), float(found.decrement[row]), float(found.violation[row]), y, z,
-            int(found.start[row]),
+            int(found.start[row]), internal_forces=np.array(self.internal_forces[row]),
         )  # fmt: skip
 
     def _row(self, index: int) -> int:
@@ -609,7 +623,7 @@ class Batch(Sequence[Solution]):
         return FROM_DATA[name](self._together())
 
     def _together(self) -> ProblemRows:
-        return ProblemRows(self.problems.layout, self.c, self.problems.data())
+        return ProblemRows(self.problems.layout, self.found.forces, self.problems.data())
 
     def _compute(self, name: str) -> Array:
         with np.errstate(all="ignore"):
@@ -626,25 +640,24 @@ class Batch(Sequence[Solution]):
         """The columns of :class:`BatchVerification`."""
         rows = self._together()
         barriers = rows.barriers
-        exact = np.ones(self.nu.shape, dtype=bool)
-        if self.problems.layout.soft_wrench:
-            exact = rows.data["f_soft"] == 0
-        W, f = rows.data["W"] * exact[..., None], rows.data["f"] * exact
+        W, f = rows.equalities
         with np.errstate(all="ignore"):
             friction = rows.friction_margins().min(axis=1, initial=np.inf)
-            limits = equations.slacks(self.c, barriers.A, barriers.b).min(axis=1, initial=np.inf)
+            limits = equations.slacks(rows.loaded, barriers.A, barriers.b).min(
+                axis=1, initial=np.inf
+            )
             wrench_error = np.array(rows.wrench_error())
-            decrement, error = equations.decrements_and_errors(self.c, W, barriers)
-            balanced = equations.relative_wrench_error(self.c, W, f) <= WRENCH_TOLERANCE
+            decrement, error = equations.decrements_and_errors(rows.loaded, W, barriers)
+            balanced = equations.relative_wrench_error(rows.loaded, W, f) <= WRENCH_TOLERANCE
             bounded = decrement <= (1 + BOUND_TOLERANCE) * self.decrement + error
-        finite = np.isfinite(self.c).all(axis=1) & np.isfinite(self.nu).all(axis=1)
+        finite = np.isfinite(rows.forces).all(axis=1) & np.isfinite(self.nu).all(axis=1)
         ok = self.solved & (friction > 0) & (limits > 0) & balanced & bounded & finite
         holds = np.full(len(self), None, dtype=object)
         others = ~self.solved | self._by_themselves
         for row in np.flatnonzero(others).tolist():
             packed = self.problems.packed(row)
             if native.module.find_flaw(self.problems.layout, packed) is not None:
-                ok[row] = self.status[row] == Status.INVALID_NUMBERS and not self.c[row].any()
+                ok[row] = self.status[row] == Status.INVALID_NUMBERS and not rows.forces[row].any()
                 wrench_error[row] = np.inf
                 friction[row] = limits[row] = -np.inf
                 decrement[row] = np.inf

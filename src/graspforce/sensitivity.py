@@ -28,6 +28,7 @@ from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_array, require_instance, require_keywords
 from graspforce.batch import Batch, BatchProblems, available_cores
 from graspforce.equations import by_contact, stacked
+from graspforce.errors import InvalidInputError
 from graspforce.problem import all_limits
 from graspforce.solution import Solution
 
@@ -68,7 +69,14 @@ class Sensitivity:
     ) -> None:
         self._problems, self._c, self._nu = problems, c, nu
         self._solved, self._single = solved, single
-        self._layout = problems.layout
+        self._layout = layout = problems.layout
+        not_known = {
+            "pull": layout.pulls, "internal": layout.internals, "cone_weight": layout.cone_weights,
+        }  # fmt: skip
+        for name, there in not_known.items():
+            if there:
+                raise InvalidInputError(f"{name}: got a problem with it, of which there are no "
+                                        "derivatives yet; expected one without")  # fmt: skip
 
     @property
     def solved(self) -> Any:
@@ -451,7 +459,8 @@ def sensitivity(answer: Solution | Batch) -> Sensitivity:
         answer: what :func:`graspforce.solve` or :func:`graspforce.solve_batch` returned.
 
     Raises:
-        InvalidInputError: something else.
+        InvalidInputError: something else; a problem with ``internal``, with ``cone_weight``, or
+            with contacts that pull.
     """
     require_instance(answer, "answer", Solution | Batch, "a Solution or a Batch")
     if isinstance(answer, Batch):

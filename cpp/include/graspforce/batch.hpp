@@ -24,7 +24,7 @@ namespace graspforce {
 
 // Where the answers go: arrays of one entry, or one line, a row.
 struct BatchAnswers {
-  double *c, *nu;  // count × m, count × k
+  double *c, *nu;  // count × (m + r), count × k
   int *status, *newton_steps, *start;
   double *decrement, *violation;
 
@@ -70,7 +70,7 @@ class BatchWorker {
   // Takes what a lane has come to.
   template <class Answer>
   void write(std::ptrdiff_t row, const Answer& lane) {
-    lane.get_forces(answers_.c + row * m_);
+    lane.get_forces(answers_.c + row * forces_);
     lane.get_multipliers(answers_.nu + row * k_);
     answers_.write(row, lane.result());
   }
@@ -83,10 +83,10 @@ class BatchWorker {
       engine_.emplace(rows_.layout);
       packed_.resize(engine_->packed_size());
     }
-    double *c = answers_.c + row * m_, *nu = answers_.nu + row * k_;
+    double *c = answers_.c + row * forces_, *nu = answers_.nu + row * k_;
     rows_.pack(row, packed_.data());
     if (find_flaw(rows_.layout, packed_.data())) {
-      std::fill_n(c, m_, 0.0);
+      std::fill_n(c, forces_, 0.0);
       std::fill_n(nu, k_, 0.0);
       return answers_.write(row, Result());
     }
@@ -95,7 +95,7 @@ class BatchWorker {
     if (start != nullptr && !std::all_of(start, start + m_, is_finite)) start = nullptr;
     engine_->forget();
     const Result& result = engine_->solve(packed_.data(), rows_.settings, start);
-    std::copy_n(engine_->forces(), m_, c);
+    std::copy_n(engine_->forces(), forces_, c);
     std::copy_n(engine_->multipliers(), k_, nu);
     answers_.write(row, result);
     if (result.status != Status::Infeasible) return;
@@ -109,7 +109,8 @@ class BatchWorker {
   const BatchAnswers& answers_;
   std::vector<BatchProof>& proofs_;
   const std::ptrdiff_t m_ = rows_.layout.components(), k_ = rows_.layout.wrench_rows;
-  std::unique_ptr<BatchLanes<3>> lanes3_;  // one of the two where the layout fits
+  const std::ptrdiff_t forces_ = force_count(rows_.layout);  // the internal ones behind the m
+  std::unique_ptr<BatchLanes<3>> lanes3_;                    // one of the two where the layout fits
   std::unique_ptr<BatchLanes<4>> lanes4_;
   std::optional<Engine> engine_;  // made for the first row that needs it
   std::vector<double> packed_;
@@ -134,12 +135,13 @@ std::optional<std::vector<BatchProof>> solve_batch(const BatchRows& rows,
 }
 
 // Solves the KKT systems of factor.hpp in place for `columns` right-hand sides a row: x is
-// count × (m + k) × columns, c count × m. Rows of which `wanted` is not set get zeros, and so do
-// those whose forces are not strictly inside every limit, of which it is cleared.
+// count × (m + k) × columns, c count × (m + r). Rows of which `wanted` is not set get zeros, and so
+// do those whose forces are not strictly inside every limit, of which it is cleared.
 template <class Poll>
 bool solve_batch_kkt(const BatchRows& rows, const double* c, bool* wanted, double* x, int columns,
                      int threads, Poll poll) {
-  const std::size_t m = rows.layout.components(), size = (m + rows.layout.wrench_rows) * columns;
+  const std::size_t size = (rows.layout.components() + rows.layout.wrench_rows) * columns;
+  const std::size_t forces = force_count(rows.layout);
   struct Work {
     explicit Work(const Layout& layout) : factor(layout), packed(Offsets(layout).size) {}
     Factor factor;
@@ -153,7 +155,7 @@ bool solve_batch_kkt(const BatchRows& rows, const double* c, bool* wanted, doubl
         if (wanted[row]) {
           rows.pack(row, work->packed.data());
           work->factor.forget();
-          wanted[row] = work->factor.at(work->packed.data(), c + std::size_t(row) * m);
+          wanted[row] = work->factor.at(work->packed.data(), c + std::size_t(row) * forces);
         }
         if (wanted[row])
           work->factor.solve(line, columns);

@@ -57,8 +57,8 @@ class BatchLanes {
   // Whether the lanes are made for problems of a layout.
   static bool fits(const Layout& layout) {
     return layout.contacts() <= kMostContacts && layout.wrench_rows <= kWrench &&
-           layout.inequalities == 0 && !layout.rate_limits && !layout.soft_wrench &&
-           (layout.joints > 0 || layout.ceilings);
+           layout.inequalities == 0 && layout.internals == 0 && !layout.rate_limits &&
+           !layout.soft_wrench && (layout.joints > 0 || layout.ceilings);
   }
 
   // Solves the rows from `begin` to `end`. Answers go to writer.write(row, answer), rows that are

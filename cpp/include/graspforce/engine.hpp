@@ -13,6 +13,7 @@
 #include "graspforce/history.hpp"
 #include "graspforce/kernels.hpp"
 #include "graspforce/newton.hpp"
+#include "graspforce/pull.hpp"
 #include "graspforce/rank.hpp"
 
 namespace graspforce {
@@ -20,24 +21,27 @@ namespace graspforce {
 class Engine {
  public:
   explicit Engine(const Layout& layout)
-      : layout_(layout),
-        offsets_(layout),
+      : pull_(layout),
+        layout_(pull_.inner()),
+        offsets_(layout_),
         kernels_(layout_),
         fallback_(kernels_.blocks()),
         rank_(layout_),
         history_(layout_),
-        answer_(layout_) {}
+        answer_(layout_),
+        given_(layout_.internals > 0 ? force_count(layout_) : 0) {}
   Engine(const Engine&) = delete;
   Engine& operator=(const Engine&) = delete;
 
-  const Layout& layout() const { return layout_; }
-  std::size_t packed_size() const { return offsets_.size; }    // numbers of a problem
-  Kernels::Kind kernels() const { return kernels_.chosen(); }  // of the last solve or tick
+  const Layout& layout() const { return pull_.outer(); }
+  std::size_t packed_size() const { return pull_.packed_size(); }  // numbers of a problem
+  Kernels::Kind kernels() const { return kernels_.chosen(); }      // of the last solve or tick
   const Structure& structure() const { return kernels_.structure(); }
 
   // What the last solve or tick has found.
   const Result& result() const { return answer_.result; }
-  const double* forces() const { return answer_.c.data(); }
+  // The forces of the contacts, then the internal ones.
+  const double* forces() const { return forces_; }
   const double* multipliers() const { return answer_.nu.data(); }
   const double* certificate_y() const { return answer_.y.data(); }
   const double* certificate_z() const { return answer_.z.data(); }
@@ -48,8 +52,9 @@ class Engine {
   const Result& solve(const double* packed, const Settings& settings,
                       const double* start = nullptr) {
     const DefaultFloatingPoint environment;
-    const Problem problem(offsets_, packed);
-    if (start == nullptr && layout_.rate_limits) start = problem.c_last;
+    const Problem problem(offsets_, pull_.problem(packed));
+    if (start != nullptr) start = given(start);
+    if (start == nullptr && layout_.rate_limits) start = with_internals(problem.c_last);
     // The next tick's numbers are compared with these, not with its last.
     pending_changes_ = kChangedAll;
     dispatch(problem, settings, kChangedAll, [&](auto& barrier, Budget& budget, unsigned) {
@@ -61,6 +66,7 @@ class Engine {
       }
       run(barrier, problem, lambda, settings.tol, budget);
     });
+    forces_ = pull_.outward(answer_.c.data());
     return answer_.result;
   }
 
@@ -69,7 +75,9 @@ class Engine {
   const Result& tick(const double* packed, const Settings& settings,
                      unsigned changed = kChangedAll) {
     const DefaultFloatingPoint environment;
-    const Problem problem(offsets_, packed);
+    const Problem problem(offsets_, pull_.problem(packed));
+    // Of c + pull the bias changes with J.
+    if (layout().pulls && changed & kChangedJacobian) changed |= kChangedRest;
     if (pending_changes_ != 0) changed = pending_changes_;  // by other blocks than the last tick's
     pending_changes_ = 0;
     dispatch(problem, settings, changed, [&](auto& barrier, Budget& budget, unsigned news) {
@@ -81,6 +89,7 @@ class Engine {
     const bool unfinished = status == Status::MaxSteps && answer_.wrench_error < kInfinity;
     if (status != Status::Solved) history_.clear();
     if (status == Status::Solved || unfinished) history_.remember(problem, answer_.c);
+    forces_ = pull_.outward(answer_.c.data());
     return answer_.result;
   }
 
@@ -98,6 +107,15 @@ class Engine {
  private:
   // Decrement at an extrapolated start above which the last optimum is looked at as well.
   static constexpr double kPromising = 0.5;
+
+  // Forces of the contacts that a caller gives, as the engine counts them. Of internal forces
+  // nothing is known.
+  const double* given(const double* c) { return pull_.inward(with_internals(c)); }
+  const double* with_internals(const double* c) {
+    if (given_.empty()) return c;
+    std::copy_n(c, layout_.components(), given_.begin());
+    return given_.data();
+  }
 
   // Hands the problem to the kernels that fit it, with what is new to them.
   template <class Work>
@@ -191,13 +209,16 @@ class Engine {
            answer_.take(minimise(barrier, lambda, tol, budget, false), barrier, budget, false);
   }
 
-  Layout layout_;
+  Pull pull_;
+  Layout layout_;  // without pulls
   Offsets offsets_;
   Kernels kernels_;
   Fallback fallback_;
   RankExamination rank_;
   History history_;
   Answer answer_;
+  std::vector<double> given_;  // a start with zeros for the internal forces
+  const double* forces_ = answer_.c.data();
   unsigned pending_changes_ = kChangedAll;  // where nonzero, the next tick's in place of `changed`
 };
 

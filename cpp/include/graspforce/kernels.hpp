@@ -72,7 +72,7 @@ class Kernels {
       case Kind::Lanes4:
         return load_and_work(lanes4_);
       case Kind::General:
-        barrier_.set_weights(*problem.alpha);
+        barrier_.set_weights(problem);
         return load_and_work(barrier_);
     }
   }

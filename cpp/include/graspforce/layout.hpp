@@ -42,11 +42,14 @@ struct Layout {
   bool floors = false;        // c_min given
   bool rate_limits = false;   // c_last and dc_max given
   bool soft_wrench = false;   // f_soft given
+  bool pulls = false;         // pull given
+  int internals = 0;          // rows of internal
+  bool cone_weights = false;  // cone_weight given
 
   bool operator==(const Layout& other) const {
     const auto sizes = [](const Layout& l) {
       return std::tie(l.wrench_rows, l.models, l.joints, l.inequalities, l.ceilings, l.floors,
-                      l.rate_limits, l.soft_wrench);
+                      l.rate_limits, l.soft_wrench, l.pulls, l.internals, l.cone_weights);
     };
     return sizes(*this) == sizes(other);
   }
@@ -79,19 +82,22 @@ inline std::size_t most_rows(const Layout& layout) {
          (layout.rate_limits ? layout.components() : 0);
 }
 
+// What an answer holds: the contact forces, then the internal ones of the motors.
+inline int force_count(const Layout& layout) { return layout.components() + layout.internals; }
+
 // Unknowns of the general kernels: the forces and, with a soft wrench, the slack of each of its
 // rows.
 inline std::size_t unknowns(const Layout& layout) {
-  return layout.components() + (layout.soft_wrench ? layout.wrench_rows : 0);
+  return force_count(layout) + (layout.soft_wrench ? layout.wrench_rows : 0);
 }
 inline std::size_t most_blocks(const Layout& layout) {
-  return layout.contacts() + (layout.soft_wrench ? layout.wrench_rows : 0);
+  return layout.contacts() + layout.internals + (layout.soft_wrench ? layout.wrench_rows : 0);
 }
 
 // Components of the largest block that the contacts may ever form: joints and inequalities can come
 // to tie all of them into one; without any, each stays by itself.
 inline std::size_t largest_block(const Layout& layout) {
-  return layout.joints + layout.inequalities > 0 ? layout.components() : 4;
+  return layout.joints + layout.inequalities > 0 ? force_count(layout) : 4;
 }
 
 // Where the fields start in the buffer, in doubles, and how large the whole is.
@@ -133,6 +139,20 @@ struct Problem : Fields<const double*> {
   }
 
   bool in_grasp(int contact) const { return engagement[contact] > kRemovalThreshold; }
+  // What a joint's torque has of one of the m contact forces, or of the internal force behind them.
+  double arm(int force, int joint, int m, int joints) const {
+    return force < m ? J[entry_at(force, joint, joints)]
+                     : internal[entry_at(force - m, joint, joints)];
+  }
 };
+
+// What Phi is divided by, so that each of its terms is standard self-concordant: the least of their
+// weights, and 1.
+inline double barrier_unit(const Layout& layout, const Problem& p) {
+  double unit = *p.alpha < 1 ? *p.alpha : 1;
+  for (int i = 0; i < layout.contacts() && layout.cone_weights; ++i)
+    if (p.in_grasp(i) && p.cone_weight[i] < unit) unit = p.cone_weight[i];
+  return unit;
+}
 
 }  // namespace graspforce

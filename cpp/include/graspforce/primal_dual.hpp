@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "graspforce/block_point.hpp"
@@ -117,29 +118,28 @@ class PrimalDual : public BlockPoint {
   }
 
   // Leads from the point that find_inside reached to the minimum of Phi. It sets out with all
-  // weights equal, as the point was found, and lets the lighter ones down to their own as fast as
-  // the steps allow: a target far off centre would only be crept to.
+  // weights equal, as the point was found, and lets their common level down, each to its own, as
+  // fast as the steps allow: a target far off centre would only be crept to.
   void follow(double cone_weight, double limit_weight, Budget& budget) {
     sigma_ = dsigma_ = 0;
     relaxed_ = false;
-    slack_weight_ = cone_weight;
+    slack_weight_ = own_cone_weight_ = cone_weight;
+    own_limit_weight_ = limit_weight;
     settle();
-    cone_weight_ = limit_weight_ = std::max({cone_weight, limit_weight, slack_cost()});
+    const auto [least, most] = own_weights();
+    level_ = std::max(most, slack_cost());
     update_slacks();
     aim_at_center(1);
     bool feasible = false;  // y and z balance: true for good after a whole step
     for (;;) {
-      const bool there = cone_weight_ == cone_weight && limit_weight_ == limit_weight;
-      if (there && feasible && distance_to_target() < kClose) return;
+      if (level_ <= least && feasible && distance_to_target() < kClose) return;
       if (!budget.take()) return;
       factor();
       direction(1);
       const double step = std::min(1.0, 0.99 * step_limit());
       if (!(step > kLeastStep) || !advance(step)) return;
       feasible = feasible || step == 1;
-      const double descent = step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
-      cone_weight_ = std::max(cone_weight, descent * cone_weight_);
-      limit_weight_ = std::max(limit_weight, descent * limit_weight_);
+      level_ *= step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
     }
   }
 
@@ -164,6 +164,20 @@ class PrimalDual : public BlockPoint {
     Lifted* cones;  // tips
   };
 
+  double limit_weight() const { return std::max(level_, own_limit_weight_); }
+  double weight(const Tip& tip) const { return std::max(level_, own_cone_weight_ * tip.weight); }
+
+  // The least and the greatest weight of limits and cones.
+  std::pair<double, double> own_weights() {
+    double least = own_limit_weight_, most = own_limit_weight_;
+    for_each([](int, int, Side&, double) {},
+             [&](int, const Tip& tip, Lifted&) {
+               least = std::min(least, own_cone_weight_ * tip.weight);
+               most = std::max(most, own_cone_weight_ * tip.weight);
+             });
+    return {least, most};
+  }
+
   // Every slack, multiplier and cone of the problem in turn.
   template <class Row, class Tips>
   void for_each(Row row, Tips tips) {
@@ -179,7 +193,8 @@ class PrimalDual : public BlockPoint {
   // c = W⁺ f (Eq. 17), σ large enough to admit it, multipliers such that Σ scale·z = 1.
   void relax() {
     relaxed_ = true;
-    cone_weight_ = limit_weight_ = slack_weight_ = 1;
+    level_ = slack_weight_ = 1;
+    own_cone_weight_ = own_limit_weight_ = 0;
     std::fill(c_.begin(), c_.end(), 0.0);
     least_violation_ = kInfinity;
     restore_wrench();
@@ -219,9 +234,9 @@ class PrimalDual : public BlockPoint {
 
   // The multipliers whose products with the slacks are τ times the weights.
   void aim_at_center(double tau) {
-    for_each([&](int, int, Side& side, double) { side.z = tau * limit_weight_ / side.s; },
+    for_each([&](int, int, Side& side, double) { side.z = tau * limit_weight() / side.s; },
              [&](int, const Tip& tip, Lifted& cone) {
-               lorentz::center(cone.s, tip.cone.dim, tau * cone_weight_, cone.z);
+               lorentz::center(cone.s, tip.cone.dim, tau * weight(tip), cone.z);
              });
   }
 
@@ -239,7 +254,7 @@ class PrimalDual : public BlockPoint {
     double sum = 0;
     for_each(
         [&](int, int, Side& side, double) {
-          const double product = side.s * side.z, off = limit_weight_ - product;
+          const double product = side.s * side.z, off = limit_weight() - product;
           sum += off * off / product;
         },
         [&](int, const Tip& tip, Lifted& cone) {
@@ -247,7 +262,7 @@ class PrimalDual : public BlockPoint {
           const int dim = tip.cone.dim;
           const double det =
               std::sqrt(lorentz::determinant(cone.s, dim) * lorentz::determinant(cone.z, dim));
-          const double product = dot(cone.s, cone.z, dim), w = cone_weight_;
+          const double product = dot(cone.s, cone.z, dim), w = weight(tip);
           sum += product + 4 * w * w * product / (det * det) - 4 * w;
         });
     return sum;
@@ -298,7 +313,7 @@ class PrimalDual : public BlockPoint {
         Lifted& cone = work_[b].cones[i];
         const int dim = tip.cone.dim;
         lorentz::scale(cone.s, cone.z, dim, cone.V, cone.scaled);
-        lorentz::center(cone.scaled, dim, cone_weight_, cone.gamma);
+        lorentz::center(cone.scaled, dim, weight(tip), cone.gamma);
         for (int r = 0; r < dim; ++r) {
           double* row = least_squares_.row(b, tip.first + r);
           for (int j = 0; j < dim; ++j)
@@ -316,8 +331,8 @@ class PrimalDual : public BlockPoint {
         const double size = std::hypot(up, down);
         if (!(size > 0)) continue;
         const double cosine = up / size, sine = down / size, scale = part(b).scale[r];
-        const double up_gamma = above ? limit_weight_ / std::sqrt(hi.s * hi.z) : 0;
-        const double down_gamma = below ? limit_weight_ / std::sqrt(lo.s * lo.z) : 0;
+        const double up_gamma = above ? limit_weight() / std::sqrt(hi.s * hi.z) : 0;
+        const double down_gamma = below ? limit_weight() / std::sqrt(lo.s * lo.z) : 0;
         double* row = least_squares_.row(b, q + r);
         add_scaled(size, part(b).a + r * q, q, row);
         row[q] = cosine * up_gamma - sine * down_gamma;
@@ -338,7 +353,7 @@ class PrimalDual : public BlockPoint {
         [&](int b, int r, Side& side, double sign) {
           const double change = dot(part(b).a + r * part(b).q, d(b), part(b).q);
           side.ds = dsigma_ * part(b).scale[r] - sign * change;
-          side.dz = (tau * limit_weight_ - side.z * side.ds) / side.s - side.z;
+          side.dz = (tau * limit_weight() - side.z * side.ds) / side.s - side.z;
         },
         [&](int b, const Tip& tip, Lifted& cone) {
           const int dim = tip.cone.dim;
@@ -433,6 +448,11 @@ class PrimalDual : public BlockPoint {
           outside = true;
         }
       }
+      for (int i = 0; i < part(b).components.size(); ++i)
+        if (part(b).components[i] >= blocks_.layout().components() && e[i] != 0) {
+          missing[i] = -e[i];  // an internal force is free
+          outside = true;
+        }
       if (!outside) continue;
       double size = 0;
       for (int r = 0; r < part(b).rows; ++r) {
@@ -466,7 +486,10 @@ class PrimalDual : public BlockPoint {
   std::vector<double> best_;  // the balanced point of least violation so far
   double least_violation_ = kInfinity;
   bool relaxed_ = true;
-  double cone_weight_ = 1, limit_weight_ = 1, slack_weight_ = 1;
+  // Of limits, and of cones of weight 1. Until the common level has come down to a term's own
+  // weight, that is the level; Phase 1, whose own weights are zero, stays at it.
+  double level_ = 1, own_limit_weight_ = 0, own_cone_weight_ = 0;
+  double slack_weight_ = 1;
   double sigma_ = 0, dsigma_ = 0, degree_ = 0;
 };
 

@@ -220,6 +220,18 @@ def as_positive(value: float, name: str, unit: str = "") -> float:
     return number
 
 
+def as_not_negative(value: float, name: str, unit: str = "") -> float:
+    """Return ``value`` as a float, which must be finite and 0 or more.
+
+    Raises:
+        InvalidInputError: not a real number, not finite, or below zero.
+    """
+    number = float(as_array(value, name, ()))
+    if number < 0:
+        raise InvalidInputError(f"{name}: got {number}{unit and f' {unit}'}, expected 0 or more")
+    return number
+
+
 def index_of(value: Any) -> int | None:
     """Return an integer of any type as an int; None for everything else, True and False too."""
     if isinstance(value, bool | np.bool_):  # NumPy's own is an index before 2.3, with a warning

@@ -21,6 +21,7 @@ from graspforce.solution.columns import Columns
 
 if TYPE_CHECKING:
     from graspforce.files import NamedProblem, NamedSolution
+    from graspforce.solution import Solution
 
 
 # Grasps without an answer whose message is printed below the table; all are in --out.
@@ -124,7 +125,7 @@ def _report(results: list[NamedSolution], rows: bool) -> None:
         if solution.status is not Status.SOLVED
     ]
     lines = [
-        f"{name}: {solution.message}" if rows else f"{index} {name}: {solution.message}"
+        f"{name if rows else f'{index} {name}'}: {solution.message}{_help(solution)}"
         for index, name, solution in failed[:MESSAGES]
     ]
     if len(failed) > MESSAGES:
@@ -152,6 +153,14 @@ def _numbers(columns: Columns) -> NDArray[np.float64]:
     shown[:, 3] = columns.newton_steps
     shown[~columns.solved, :3] = np.nan
     return shown
+
+
+def _help(solution: Solution) -> str:
+    """Return what would help a grasp without an answer, to be added to its message."""
+    from graspforce.answers.diagnosis import diagnose
+
+    said = diagnose(solution).line
+    return f"; {said}" if said else ""
 
 
 def _quantiles(numbers: NDArray[np.float64]) -> Table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from graspforce.hands.hand import Hand, LoadedHand, UnderactuatedHand
+from graspforce.hands.hand import Hand, LoadedHand, RedundantHand, UnderactuatedHand
 from graspforce.hands.imported import ImportedHand
 from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.hand import from_mjcf
@@ -17,6 +17,7 @@ __all__ = [
     "MujocoGrasp",
     "PaperHand",
     "PinocchioGrasp",
+    "RedundantHand",
     "UnderactuatedHand",
     "from_mjcf",
     "from_urdf",

@@ -6,9 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
 from graspforce.contact import Contact
+from graspforce.equations import undetermined
 from graspforce.hands.hand import Actuation
 from graspforce.hands.limits import DriveLimit, as_tau_max, has_motor, limits
 from graspforce.hands.transmission import RANK_TOLERANCE, Transmission
@@ -48,6 +50,14 @@ class Configuration(Protocol):
         """Return a link's origin, shape (3,) [m], in the hand's frame."""
         ...
 
+    def chain(self, link: str) -> Array:
+        """Return where the joints are that move a link, and the link, from the base.
+
+        Returns:
+            shape (k, 3) [m], in the hand's frame.
+        """
+        ...
+
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""
         ...
@@ -76,11 +86,11 @@ class Motors(NamedTuple, Generic[D]):
             full: Jacobian over all joints in the contact frames, shape (m, n_dofs).
             bias: what all joints must give besides, shape (n_dofs,).
         """
-        driven, free = transmission
+        driven, free, internal = transmission
         loaded = loaded_motions(full, free)
         return Actuation(
             self.joint_names, full @ driven, self.tau_lo, self.tau_hi, driven.T @ bias,
-            (full @ loaded).T, -loaded.T @ bias,
+            (full @ loaded).T, -loaded.T @ bias, internal,
         )  # fmt: skip
 
 
@@ -112,14 +122,30 @@ def notes_of(
 ) -> tuple[str, ...]:
     """Return what else there is to know, a sentence each."""
     coupled = _coupling_notes(transmission, dof_names, motors.joint_names)
-    return (*idle_notes(motors.idle), *coupled)
+    return (
+        *idle_notes(motors.idle), *coupled, *_internal_notes(transmission, motors.joint_names),
+    )  # fmt: skip
 
 
 def idle_notes(idle: Sequence[str]) -> list[str]:
-    """Say which motors the file gives no torque, a sentence each."""
+    """Say which motors the file gives no torque, one sentence for all."""
+    if not idle:
+        return []
+    names, them = ", ".join(map(repr, idle)), "it" if len(idle) == 1 else "each"
     return [
-        f"the file gives {name!r} no torque at all: taken as without a motor; tau_max gives it one"
-        for name in idle
+        f"the file gives {names} no torque at all: taken as without a motor; tau_max gives {them} "
+        "one"
+    ]
+
+
+def undetermined_notes(W: Array, passive_rows: Array, J: Array) -> list[str]:
+    """Say how many components of c only the physics chooses, a sentence where there are any."""
+    count, m = undetermined(np.vstack((W, passive_rows)), J), W.shape[1]
+    if not count:
+        return []
+    return [
+        f"{count} of {m} force components are undetermined: neither W c = f nor the torques fix "
+        "them, so the motors cannot tell; they and the margins that they are in are as asked"
     ]
 
 
@@ -152,9 +178,15 @@ def loaded_motions(full: Array, free: Array) -> Array:
 def _coupling_notes(
     transmission: Transmission, dof_names: Sequence[str], joint_names: Sequence[str]
 ) -> list[str]:
-    """Say which joints a drive moves besides its own, a sentence each."""
+    """Say which joints a drive moves besides its own, a sentence each.
+
+    Drives that are more than the motions have no motion of their own.
+    """
     notes: list[str] = []
+    redundant: NDArray[np.bool_] = (transmission.internal != 0).any(axis=0)
     for column, drive in enumerate(joint_names):
+        if redundant[column]:
+            continue
         ratios = transmission.driven[:, column]
         others = [
             f"{name!r} by {ratio:.4g}"
@@ -166,12 +198,25 @@ def _coupling_notes(
     return notes
 
 
-def _uncontrolled(transmission: Transmission, dof_names: Sequence[str]) -> list[str]:
-    """Say which motions no drive takes part in, a sentence for each set of joints."""
-    projector = transmission.free @ transmission.free.T
-    together = np.abs(projector) > 1e-9
-    left = [i for i in range(len(dof_names)) if together[i, i]]
-    sentences: list[str] = []
+def _internal_notes(transmission: Transmission, joint_names: Sequence[str]) -> list[str]:
+    """Say which motors are more than the motions that they move, a sentence for each set."""
+    together = np.where(transmission.internal == 0, 0.0, 1.0)
+    notes: list[str] = []
+    for members in _connected(together.T @ together > 0):
+        names = ", ".join(repr(joint_names[i]) for i in members)
+        count = len(members) - int(together[:, members].any(axis=1).sum())
+        motions = "1 motion" if count == 1 else f"{count} motions"
+        notes.append(
+            f"{names} are {len(members)} motors for {motions}: how they share a load is part of "
+            f"the answer (motor_forces)"
+        )
+    return notes
+
+
+def _connected(together: NDArray[np.bool_]) -> list[list[int]]:
+    """Return the sets of indices that a symmetric relation connects; not those without any."""
+    left = [i for i in range(len(together)) if together[i, i]]
+    sets: list[list[int]] = []
     while left:
         group = {left[0]}
         while True:
@@ -180,12 +225,23 @@ def _uncontrolled(transmission: Transmission, dof_names: Sequence[str]) -> list[
                 break
             group |= wider
         left = [i for i in left if i not in group]
-        members = sorted(group)
+        sets.append(sorted(group))
+    return sets
+
+
+def _uncontrolled(transmission: Transmission, dof_names: Sequence[str]) -> list[str]:
+    """Say which motions no drive takes part in, one sentence for all sets of joints."""
+    projector = transmission.free @ transmission.free.T
+    sets: list[str] = []
+    for members in _connected(np.abs(projector) > 1e-9):
         names = ", ".join(repr(dof_names[i]) for i in members)
         count = round(float(np.trace(projector[np.ix_(members, members)])))
-        what = names if count == len(members) else f"{count} of {len(members)} motions of {names}"
-        sentences.append(
-            f"no motor controls {what}: only contact forces that leave this unloaded can be held "
-            f"(passive_rows)"
+        sets.append(
+            names if count == len(members) else f"{count} of {len(members)} motions of {names}"
         )
-    return sentences
+    if not sets:
+        return []
+    return [
+        f"no motor controls {'; '.join(sets)}: only contact forces that leave this unloaded can be "
+        "held (passive_rows)"
+    ]

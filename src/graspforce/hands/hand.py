@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from graspforce._util.arrays import Array, as_array, as_tuple, require_instance
 from graspforce.contact import Contact, contact_starts
+from graspforce.errors import InvalidInputError
 
 
 @runtime_checkable
@@ -77,6 +78,18 @@ class LoadedHand(UnderactuatedHand, Protocol):
         ...
 
 
+@runtime_checkable
+class RedundantHand(Hand, Protocol):
+    """A hand of more motors than motions, by whose forces its joints, J and limits are."""
+
+    def internal(self, q: ArrayLike) -> Array:
+        """Return the forces of the motors that balance among themselves, shape (r, n_joints).
+
+        ``tau = J.T c + internal.T v + tau_bias`` for any v; see :class:`graspforce.ForceProblem`.
+        """
+        ...
+
+
 class Actuation(NamedTuple):
     """What the joints of a hand at one configuration bring into the force problem."""
 
@@ -91,6 +104,8 @@ class Actuation(NamedTuple):
     """Virtual work of c over the motions that no motor moves, shape (k, m)."""
     passive_loads: Array
     """What it has to be, shape (k,): ``passive_rows @ c = passive_loads``."""
+    internal: Array
+    """Forces of the motors that balance among themselves, shape (r, n_joints)."""
 
 
 class ImportedGrasp(Protocol):
@@ -149,4 +164,11 @@ def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuatio
         bias, loads = hand.tau_bias(q), hand.passive_loads(contacts, q)
     else:
         bias, loads = np.zeros(len(joints)), np.zeros(len(passive))
-    return Actuation(joints, J, tau_lo, tau_hi, bias, passive, loads)
+    internal = np.zeros((0, len(joints)))
+    if isinstance(hand, RedundantHand):
+        internal = as_array(hand.internal(q), "hand.internal", None)
+        if internal.ndim != 2 or internal.shape[1] != len(joints):
+            raise InvalidInputError(
+                f"hand.internal: got shape {internal.shape}, expected (r, {len(joints)})"
+            )
+    return Actuation(joints, J, tau_lo, tau_hi, bias, passive, loads, internal)

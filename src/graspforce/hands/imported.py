@@ -20,6 +20,7 @@ from graspforce.hands.configuration import (
     idle_notes,
     loaded_motions,
 )
+from graspforce.hands.limits import DriveLimit
 
 
 class Robot(Protocol):
@@ -33,6 +34,11 @@ class Robot(Protocol):
     @property
     def links(self) -> tuple[str, ...]:
         """Names of everything that a contact can be on."""
+        ...
+
+    @property
+    def limits(self) -> tuple[tuple[DriveLimit, str], ...]:
+        """The file's limits of the drives, and which of its numbers they come from."""
         ...
 
     def configuration(self, q: Array) -> Configuration:
@@ -144,6 +150,19 @@ class ImportedHand:
         configuration = self._configuration(q)
         return configuration.transmission.driven.T @ configuration.bias()
 
+    def internal(self, q: ArrayLike) -> Array:
+        """Return the forces of the drives that balance among themselves, shape (r, n_joints).
+
+        r is 0 but where the drives are more than the motions that they move.
+
+        Args:
+            q: angles of the joints ``q_names``, shape (len(q_names),) [rad, m].
+
+        Raises:
+            InvalidInputError: another number of angles.
+        """
+        return self._configuration(q).transmission.internal
+
     def _full(self, contacts: Sequence[Contact], configuration: Configuration) -> Array:
         contacts = as_contacts(contacts)
         if len(contacts) != len(self.made_by):
@@ -216,9 +235,11 @@ def fingers_of(
         ModelImportError: nothing moves one of them.
     """
     fingers: dict[str, tuple[str, ...]] = {}
-    driven = np.abs(configuration.transmission.driven)
+    transmission = configuration.transmission
+    driven, internal = np.abs(transmission.driven), np.abs(transmission.internal)
     for finger, link in fingertips.items():
         moves = np.abs(configuration.twist(link, None)) @ driven  # no cancelling: not by chance 0
+        moves = moves + moves @ internal.T @ internal  # and those that work against them
         fingers[finger] = tuple(
             name for name, column in zip(motors.joint_names, moves.T, strict=True) if column.any()
         )

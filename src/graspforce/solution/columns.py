@@ -21,7 +21,7 @@ from graspforce._engine.layout import Layout
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.equations import Barriers, Cones
-from graspforce.problem import all_limits, soft_rows
+from graspforce.problem import all_limits, preload, soft_rows, without_pulls
 from graspforce.solution import Solution
 
 # Most solutions computed together; bounds the memory for their limits.
@@ -195,7 +195,8 @@ class Columns(Sequence[Solution]):
     @staticmethod
     def _together(layout: Layout, solutions: Sequence[Solution]) -> ProblemRows:
         packed = np.array([each.problem.packed for each in solutions])
-        return ProblemRows(layout, np.array([each.c for each in solutions]), layout.views(packed))
+        forces = np.array([np.append(each.c, each.internal_forces) for each in solutions])
+        return ProblemRows(layout, forces, layout.views(packed))
 
     def __repr__(self) -> str:
         return f"Columns({len(self)} solutions, {int(self.solved.sum())} solved)"
@@ -217,25 +218,41 @@ class ProblemRows:
 
     Args:
         layout: of the problems.
-        c: their forces, shape (G, m) [N, N·m].
+        forces: theirs, and the internal ones of the motors behind them, shape (G, m + r) [N, N·m].
         data: their fields by name, each with a leading axis of length G; see
             :meth:`graspforce._engine.layout.Layout.views`.
     """
 
-    def __init__(self, layout: Layout, c: Array, data: Mapping[str, Array]) -> None:
-        self.layout, self.c, self.data = layout, c, data
-        self.cones = Cones.of(layout.dims, data["mu"], data["gamma"])
+    def __init__(self, layout: Layout, forces: Array, data: Mapping[str, Array]) -> None:
+        self.layout, self.forces, self.data = layout, forces, data
+        self.c = forces[:, : sum(layout.dims)]
+        self.loaded = forces + preload(layout, data)  # what the ordinary cones and limits hold
+        weight = data["cone_weight"] if layout.cone_weights else None
+        self.cones = Cones.of(layout.dims, data["mu"], data["gamma"], weight)
 
     @property
     def barriers(self) -> Barriers:
-        """The terms of Eq. (16)."""
-        A, b = all_limits(self.layout, self.data)
-        soft = soft_rows(self.data) if self.layout.soft_wrench else ()
-        return Barriers(self.cones, A, b, self.data["alpha"], *soft)
+        """The terms of Eq. (16), of the forces ``loaded``."""
+        layout, data = without_pulls(self.layout, self.data)
+        A, b = all_limits(layout, data)
+        soft = soft_rows(data) if layout.soft_wrench else ()
+        return Barriers(self.cones, A, b, data["alpha"], *soft)
+
+    @property
+    def equalities(self) -> tuple[Array, Array]:
+        """W, shape (G, k, m + r), and f of W loaded = f, with zeros for the soft rows."""
+        _, data = without_pulls(self.layout, self.data)
+        W, f = data["W"], data["f"]
+        W = np.concatenate((W, np.zeros((*f.shape, self.layout.internals))), axis=-1)
+        if not self.layout.soft_wrench:
+            return W, f
+        exact = data["f_soft"] == 0
+        return W * exact[..., None], f * exact
 
     def tau(self) -> Array:
         """Joint torques."""
-        return equations.joint_torques(self.c, self.data["J"], self.data["tau_bias"])
+        arms = np.concatenate((self.data["J"], self.data["internal"]), axis=1)
+        return equations.joint_torques(self.forces, arms, self.data["tau_bias"])
 
     def normal_forces(self) -> Array:
         """Normal forces."""
@@ -255,15 +272,15 @@ class ProblemRows:
 
     def friction_margins(self) -> Array:
         """Margins to slipping."""
-        return equations.friction_margins(self.c, self.cones)
+        return equations.friction_margins(self.loaded[:, : self.c.shape[1]], self.cones)
 
     def friction_residual(self) -> Array:
         """r_f of Eq. (22)."""
-        return equations.friction_residual(self.c, self.cones)
+        return equations.friction_residual(self.loaded[:, : self.c.shape[1]], self.cones)
 
     def phi(self) -> Array:
         """The objective, Eq. (16)."""
-        return equations.objective(self.c, self.barriers)
+        return equations.objective(self.loaded, self.barriers)
 
 
 FROM_DATA: dict[str, Callable[[ProblemRows], Array]] = {

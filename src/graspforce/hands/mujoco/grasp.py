@@ -15,10 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array, as_tuple, came, index_of
-from graspforce.contact import Contact, ContactModel, as_contacts
+from graspforce.contact import Contact, ContactModel, as_contacts, patch_weights
 from graspforce.errors import InvalidInputError, warn
 from graspforce.grasp_map import map_about
-from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    Motors,
+    choose_motors,
+    notes_of,
+    undetermined_notes,
+    warnings_of,
+)
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips, as_link
 from graspforce.hands.limits import as_tau_max, has_motor
@@ -97,6 +103,8 @@ class MujocoGrasp:
             gravity, Coriolis forces, and what springs, dampers and fluids do to the joints.
         passive_rows: virtual work of c over the motions that no motor moves, shape (k, m).
         passive_loads: what it has to be, shape (k,).
+        internal: forces of the motors that balance among themselves, shape (r, n_joints), where
+            they are more than the motions; it changes with the moment arms, as J does.
 
     Raises:
         MissingExtraError: MuJoCo is not installed.
@@ -117,6 +125,7 @@ class MujocoGrasp:
     tau_bias: Array
     passive_rows: Array
     passive_loads: Array
+    internal: Array
     actuation: Actuation
 
     def __init__(
@@ -191,7 +200,7 @@ class MujocoGrasp:
         self.W = np.ascontiguousarray(wrenches.T)
         (
             self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads,
+            self.passive_rows, self.passive_loads, self.internal,
         ) = actuation  # fmt: skip
 
     @property
@@ -231,12 +240,17 @@ class MujocoGrasp:
             notes.append(
                 "the simulation's friction pyramids lie inside the exact cones of the grasp"
             )
-        return tuple(notes)
+        return (*notes, *undetermined_notes(self.W, self.passive_rows, self.J))
 
     @property
     def object_name(self) -> str:
         """The name of the object's body."""
         return name_of(self._model, mujoco_module().mjtObj.mjOBJ_BODY, self._body)
+
+    @property
+    def pull(self) -> Array:
+        """What adhesion holds each contact with as it is controlled now, shape (n,) [N]."""
+        return self._contacts.pull
 
     @property
     def geoms(self) -> Indices:
@@ -257,6 +271,11 @@ class MujocoGrasp:
     def normals(self) -> Array:
         """The contacts' unit normals into the object, shape (n, 3)."""
         return self._contacts.axes[:, 0]
+
+    @property
+    def cone_weight(self) -> Array:
+        """Weights of the cones, shape (n,): points of one patch share 1, as in a Grasp."""
+        return patch_weights(self.normals, self.links)
 
     def jacobian(self, contacts: Sequence[Contact], links: Sequence[str | int]) -> Array:
         """Return J of contacts that do not come from MuJoCo: measured or planned ones.

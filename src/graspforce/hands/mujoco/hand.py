@@ -18,6 +18,7 @@ from graspforce.hands.imported import (
     as_fingertips,
     fingers_of,
 )
+from graspforce.hands.limits import DriveLimit
 from graspforce.hands.mujoco.model import (
     Drive,
     MujocoConfiguration,
@@ -26,6 +27,7 @@ from graspforce.hands.mujoco.model import (
     dofs_above,
     drive_rows,
     drives,
+    is_plain_motor,
     joints_as_drives,
     links_of,
     loose_bodies,
@@ -93,6 +95,65 @@ def from_mjcf(
     )  # fmt: skip
 
 
+def default_fingertips(source: str | Path | Any, tau_max: Any = None) -> tuple[str, ...]:
+    """Return the last bodies of the chains that motors move, or the nearest body with a name.
+
+    Args:
+        source: as for :func:`from_mjcf`.
+        tau_max: likewise.
+
+    Raises:
+        ModelImportError: the file is missing or no model.
+    """
+    model, _ = _load(source)
+    candidates, _ = drives(model)
+    candidates += joints_as_drives(model, candidates, tau_max)
+    data = _evaluated(model, model.qpos0)
+    moments = drive_rows(model, data, candidates)
+    rows = np.vstack((moments, coupling_rows(model, data)))
+    driven = np.zeros(model.nv, dtype=bool)
+    driven[connected_dofs(np.any(moments != 0, axis=0), rows)] = True
+    moved: NDArray[np.bool_] = np.any(dofs_above(model) & driven, axis=1)
+    last = moved.copy()
+    last[model.body_parentid[moved]] = False
+    named = set(links_of(model))
+    tips: list[str] = []
+    for body in np.flatnonzero(last).tolist():
+        kind = mujoco_module().mjtObj.mjOBJ_BODY
+        while moved[body] and name_of(model, kind, body) not in named:
+            body = int(model.body_parentid[body])
+        if moved[body]:
+            tips.append(name_of(model, kind, body))
+    return tuple(dict.fromkeys(tips))
+
+
+def limit_sources(model: Any, drive: Drive) -> str:
+    """Return which of the file's numbers limit a drive: ``forcerange, actuatorfrcrange``, say."""
+    mj, found = mujoco_module(), dict[str, None]()
+    moments = [model.actuator_outadr[i] for i in range(model.nactuator)]
+    if drive.output not in moments:
+        return ""
+    first = moments.index(drive.output)
+    kind, target = int(model.actuator_trntype[first]), int(model.actuator_trnid[first, 0])
+    for motor in range(model.nactuator):
+        same = (int(model.actuator_trntype[motor]), int(model.actuator_trnid[motor, 0]))
+        if same != (kind, target):
+            continue
+        if model.actuator_forcelimited[motor]:
+            found["forcerange"] = None
+        if model.actuator_gaintype[motor] == int(mj.mjtGain.mjGAIN_MUSCLE):
+            found["muscle's force"] = None
+        elif (
+            is_plain_motor(model, motor)
+            and model.actuator_ctrllimited[int(model.actuator_ctrladr[motor])]
+        ):
+            found["ctrlrange"] = None
+    which = "tendon" if kind == int(mj.mjtTrn.mjTRN_TENDON) else "jnt"
+    if getattr(model, f"{which}_actfrclimited")[target]:
+        found["actuatorfrcrange"] = None
+    return ", ".join(found)
+
+
 class _Follower(NamedTuple):
     """A joint equality: a joint's angle is a polynomial in another's, both from qpos0."""
 
@@ -117,6 +178,11 @@ class MujocoRobot:
     drives: tuple[Drive, ...]
     joints: _Joints
     links: tuple[str, ...]
+
+    @property
+    def limits(self) -> tuple[tuple[DriveLimit, str], ...]:
+        """The file's limits of the drives, and which of its numbers they come from."""
+        return tuple((each.limit, limit_sources(self.model, each)) for each in self.drives)
 
     @property
     def q_names(self) -> tuple[str, ...]:

@@ -65,6 +65,9 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
         kind, target = int(model.actuator_trntype[motor]), int(model.actuator_trnid[motor, 0])
         output = int(model.actuator_outadr[motor])  # of a motor for a ball joint, the first of 3
         gear = float(model.actuator_gear[output, 0])
+        if kind == int(mj.mjtTrn.mjTRN_BODY):
+            notes.append(_adhesion_note(mj, model, motor))
+            continue
         at_tendon = kind == tendon_type
         at_joint = kind in joint_types and int(model.jnt_type[target]) in (hinge, slide)
         if not gear or not (at_tendon or at_joint):
@@ -99,6 +102,36 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
             )
             found[at_tendon, target] = drive._replace(limit=limit)
     return list(found.values()), notes
+
+
+def adhesions(model: Any) -> list[tuple[int, int]]:
+    """Return the actuators that make a body stick to what it touches, with its number."""
+    sticks = model.actuator_trntype == int(mujoco_module().mjtTrn.mjTRN_BODY)
+    motors: list[int] = np.flatnonzero(sticks).tolist()
+    return [(motor, int(model.actuator_trnid[motor, 0])) for motor in motors]
+
+
+def adhesion_force(model: Any, data: Any, motor: int) -> float:
+    """Return what an adhesion pulls with as it is controlled now [N]; 0 if it pushes.
+
+    By its control where that decides, which is known before the actuators' stage has run.
+    """
+    force = float(data.actuator_force[motor])
+    if is_plain_motor(model, motor):
+        low, high = _motor_range(mujoco_module(), model, motor)
+        control = float(data.ctrl[int(model.actuator_ctrladr[motor])])
+        force = min(max(float(model.actuator_gainprm[motor, 0]) * control, low), high)
+    return max(force, 0.0)
+
+
+def _adhesion_note(mj: Any, model: Any, motor: int) -> str:
+    name = name_of(model, mj.mjtObj.mjOBJ_ACTUATOR, motor)
+    body = name_of(model, mj.mjtObj.mjOBJ_BODY, int(model.actuator_trnid[motor, 0]))
+    most = _motor_range(mj, model, motor)[1]
+    return (
+        f"adhesion {name!r} makes {body!r} pull with up to {most:g} N: contacts that are read from "
+        "a simulation pull as it is controlled there; others take gf.suction_cup, or a model's pull"
+    )
 
 
 def joints_as_drives(
@@ -336,6 +369,15 @@ class MujocoConfiguration:
         kind, index = find_link(self._model, link)
         origins = self._data.xpos if kind == "body" else self._data.site_xpos
         return np.array(origins[index])
+
+    def chain(self, link: str) -> Array:
+        """Return where the joints are that move a link, and the link, from the base, (k, 3) [m]."""
+        body, places = body_of(self._model, link), [self.position(link)]
+        while body:
+            first, count = int(self._model.body_jntadr[body]), int(self._model.body_jntnum[body])
+            places += [np.array(self._data.xanchor[first + i]) for i in reversed(range(count))]
+            body = int(self._model.body_parentid[body])
+        return np.array(places[::-1])
 
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,8 @@ from graspforce.hands.imported import (
     as_fingertips,
     fingers_of,
 )
+from graspforce.hands.limits import DriveLimit
+from graspforce.hands.pinocchio.mimics import Mimic, joints_of, mimic_couplings, mimics_of
 from graspforce.hands.pinocchio.model import (
     JointDrive,
     PinocchioConfiguration,
@@ -62,11 +63,11 @@ def from_urdf(
     require_instance(path, "path", str | Path, "a path")
     path = Path(path)
     pin = pinocchio_module()
-    mimics = _mimics(path)
+    mimics = mimics_of(path)
     model = _built(path)
     tips = as_fingertips(fingertips, tuple(frames_of(model)))
     links = tuple(dict.fromkeys(tips.values()))
-    couplings = _couplings(path, model, mimics, links)
+    couplings = mimic_couplings(path, model, mimics, links)
     following = {each.joint for each in mimics}
     dofs = what_moves(model, links, couplings)
     drives = [
@@ -90,13 +91,20 @@ def from_urdf(
     )  # fmt: skip
 
 
-class _Mimic(NamedTuple):
-    """A joint whose angle is ``multiplier`` times its leader's, plus ``offset``."""
+def default_fingertips(path: str | Path) -> tuple[str, ...]:
+    """Return the last links of the chains that joints move.
 
-    joint: str
-    leader: str
-    multiplier: float
-    offset: float
+    Raises:
+        ModelImportError: the file is missing or no URDF.
+    """
+    model, joints = _built(Path(path)), joints_of(path)
+    parents = {parent for _, parent in joints}
+    frames = frames_of(model)
+    return tuple(
+        child
+        for child, _ in joints
+        if child not in parents and child in frames and dofs_above(model, frames[child]).any()
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +116,12 @@ class PinocchioRobot:
     drives: tuple[JointDrive, ...]
     couplings: Array
     q_names: tuple[str, ...]
-    mimics: tuple[_Mimic, ...]
+    mimics: tuple[Mimic, ...]
+
+    @property
+    def limits(self) -> tuple[tuple[DriveLimit, str], ...]:
+        """The file's limits of the drives, and which of its numbers they come from."""
+        return tuple((each.limit, "effort") for each in self.drives)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -151,51 +164,3 @@ def _built(path: Path) -> Any:
             raise ModelImportError(
                 f"{path}: not a robot that Pinocchio reads: {reason or error}"
             ) from error
-
-
-def _mimics(path: Path) -> tuple[_Mimic, ...]:
-    """Return the mimic joints of a file.
-
-    Pinocchio's own reading of them is not used: it refuses joints that follow one which comes
-    later in its order, and continuous ones.
-    """
-    try:
-        robot = ElementTree.parse(path).getroot()
-    except OSError as error:
-        raise ModelImportError(f"{path}: cannot read the file: {error.strerror}") from error
-    except ElementTree.ParseError as error:
-        raise ModelImportError(f"{path}: not a URDF: {error}") from error
-    if robot.tag != "robot":
-        raise ModelImportError(f"{path}: got <{robot.tag}>, expected a URDF's <robot>")
-    found: list[_Mimic] = []
-    for joint in robot.iter("joint"):
-        mimic = joint.find("mimic")
-        if mimic is None:
-            continue
-        name = joint.get("name", "")
-        try:
-            multiplier = float(mimic.get("multiplier", "1"))
-            offset = float(mimic.get("offset", "0"))
-        except ValueError as error:
-            raise ModelImportError(f"{path}: mimic of joint {name!r}: {error}") from error
-        found.append(_Mimic(name, mimic.get("joint", ""), multiplier, offset))
-    return tuple(found)
-
-
-def _couplings(path: Path, model: Any, mimics: Sequence[_Mimic], links: Sequence[str]) -> Array:
-    """Return one row a mimic joint: its rate less what its leader makes it, shape (p, nv)."""
-    dofs = {name: dof for dof, name in dof_names(model).items()}
-    moving = what_moves(model, links, np.zeros((0, model.nv)))
-    rows = np.zeros((len(mimics), model.nv))
-    for row, each in zip(rows, mimics, strict=True):
-        if each.joint not in dofs:
-            continue
-        row[dofs[each.joint]] = 1.0
-        if each.leader in dofs:
-            row[dofs[each.leader]] -= each.multiplier
-        elif dofs[each.joint] in moving:
-            raise ModelImportError(
-                f"{path}: joint {each.joint!r} mimics {each.leader!r}, which is not there; "
-                f"expected one of {', '.join(dofs)}"
-            )
-    return rows

@@ -134,6 +134,12 @@ class PinocchioConfiguration:
         """Return the origin of a frame, shape (3,) [m]."""
         return np.array(self._data.oMf[self._frames[link]].translation)
 
+    def chain(self, link: str) -> Array:
+        """Return where the joints are that move a link, and the link, from the base, (k, 3) [m]."""
+        joints = self._model.supports[self._model.frames[self._frames[link]].parentJoint]
+        places = [np.array(self._data.oMi[joint].translation) for joint in joints if joint]
+        return np.array([*places, self.position(link)])
+
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity, shape (n_dofs,)."""
         pin = pinocchio_module()
