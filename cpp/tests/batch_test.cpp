@@ -22,11 +22,13 @@ struct Rows {
   std::vector<BatchProof> proofs;
 
   std::size_t line() const { return Offsets(layout).size; }
+  std::size_t forces() const { return force_count(layout); }
   std::size_t count() const { return packed.size() / line(); }
 
   void solve(int threads, Settings settings = {}) {
-    const std::size_t B = count(), m = layout.components(), k = layout.wrench_rows;
-    c.assign(B * m, -1), nu.assign(B * k, -1), decrement.assign(B, -1), violation.assign(B, -1);
+    const std::size_t B = count(), k = layout.wrench_rows;
+    c.assign(B * forces(), -1), nu.assign(B * k, -1), decrement.assign(B, -1),
+        violation.assign(B, -1);
     status.assign(B, -1), newton_steps.assign(B, -1), starts.assign(B, -1);
     BatchRows rows;
     rows.layout = layout;
@@ -37,7 +39,7 @@ struct Rows {
 #define GRASPFORCE_COLUMN(name, ...) rows.fields.name = {packed.data() + at.name, step};
     GRASPFORCE_FIELDS(GRASPFORCE_COLUMN)
 #undef GRASPFORCE_COLUMN
-    if (!start.empty()) rows.start = {start.data(), std::ptrdiff_t(m)};
+    if (!start.empty()) rows.start = {start.data(), std::ptrdiff_t(forces())};
     const BatchAnswers answers{
         c.data(),      nu.data(),        status.data(),   newton_steps.data(),
         starts.data(), decrement.data(), violation.data()};
@@ -85,7 +87,7 @@ bool same_answers(const Rows& a, const Rows& b) {
 // Each row as the engine by itself answers it: the same verdict and start, forces to rounding.
 void agree_with_engine(const Rows& rows, int& solved) {
   Engine engine(rows.layout);
-  const std::size_t m = rows.layout.components();
+  const std::size_t forces = rows.forces();
   std::size_t proof = 0;
   for (std::size_t i = 0; i < rows.count(); ++i) {
     const double* packed = rows.packed.data() + i * rows.line();
@@ -95,7 +97,7 @@ void agree_with_engine(const Rows& rows, int& solved) {
     }
     engine.forget();
     const Result& result =
-        engine.solve(packed, {}, rows.start.empty() ? nullptr : rows.start.data() + i * m);
+        engine.solve(packed, {}, rows.start.empty() ? nullptr : rows.start.data() + i * forces);
     EXPECT(rows.status[i] == int(result.status));
     if (result.status == Status::Infeasible) {
       EXPECT(proof < rows.proofs.size() && rows.proofs[proof].row == std::ptrdiff_t(i));
@@ -106,9 +108,9 @@ void agree_with_engine(const Rows& rows, int& solved) {
     ++solved;
     EXPECT(rows.starts[i] == int(result.start));
     double largest = 0, off = 0;
-    for (std::size_t j = 0; j < m; ++j) {
+    for (std::size_t j = 0; j < forces; ++j) {
       largest = std::max(largest, std::abs(engine.forces()[j]));
-      off = std::max(off, std::abs(engine.forces()[j] - rows.c[i * m + j]));
+      off = std::max(off, std::abs(engine.forces()[j] - rows.c[i * forces + j]));
     }
     EXPECT(off <= 1e-9 * largest);
   }
@@ -144,7 +146,7 @@ void a_row_depends_on_itself_alone() {
     // Every second row, from the last to the first, solved without the others.
     Rows some;
     some.layout = rows.layout;
-    const std::size_t line = rows.line(), m = rows.layout.components();
+    const std::size_t line = rows.line(), forces = rows.forces();
     std::vector<std::size_t> kept;
     for (std::size_t i = rows.count(); i >= 2; i -= 2) kept.push_back(i - 1);
     for (std::size_t i : kept)
@@ -152,7 +154,8 @@ void a_row_depends_on_itself_alone() {
                          rows.packed.begin() + (i + 1) * line);
     some.solve(1);
     for (std::size_t i = 0; i < kept.size(); ++i) {
-      EXPECT(std::memcmp(&some.c[i * m], &rows.c[kept[i] * m], m * sizeof(double)) == 0);
+      EXPECT(std::memcmp(&some.c[i * forces], &rows.c[kept[i] * forces], forces * sizeof(double)) ==
+             0);
       EXPECT(some.status[i] == rows.status[kept[i]]);
       EXPECT(some.newton_steps[i] == rows.newton_steps[kept[i]]);
     }

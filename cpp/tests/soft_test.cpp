@@ -41,9 +41,9 @@ static Real phi(const Layout& layout, const Problem& p, const std::vector<Real>&
       tangent += t * t;
     }
     const Real mu = p.mu[i], normal = c[first];
-      const Real weight = layout.cone_weights ? p.cone_weight[i] : 1;
-      const Real loaded = normal + (layout.pulls ? Real(p.engagement[i]) * p.pull[i] : 0);
-      soc -= weight * std::log(mu * mu * loaded * loaded - tangent);
+    const Real weight = layout.cone_weights ? p.cone_weight[i] : 1;
+    const Real loaded = normal + (layout.pulls ? Real(p.engagement[i]) * p.pull[i] : 0);
+    soc -= weight * std::log(mu * mu * loaded * loaded - tangent);
     if (layout.ceilings) below(Real(p.engagement[i]) * p.c_max[i] - normal);
     if (layout.floors) below(normal - Real(p.engagement[i]) * p.c_min[i]);
     for (int d = 0; layout.rate_limits && d < dim; ++d) {

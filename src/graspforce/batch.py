@@ -688,4 +688,4 @@ class BatchVerification:
     friction_margin: Array
     limit_margin: Array
     decrement: Array
-    certificate_holds: NDArray[np.object_]
+    certificate_holds: NDArray[Any]

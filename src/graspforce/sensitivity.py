@@ -136,7 +136,7 @@ class Sensitivity:
         return {name: self._out(np.concatenate([each[name] for each in parts])) for name in names}
 
     def jacobian(self, wrt: str, of: str = "c") -> Array:
-        """Return the derivative of one quantity by one field, shape (B, *quantity, *field).
+        """Return the derivative of one quantity by one field, shape ``(B, *quantity, *field)``.
 
         Raises:
             InvalidInputError: an unknown quantity or field.
