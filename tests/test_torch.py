@@ -106,3 +106,17 @@ def test_bad_arguments_are_named(tensors):
         gt.solve(W, f.to(torch.complex128), MODEL, c_max=50)
     with pytest.raises(gf.InvalidInputError, match="f: got a tensor on meta"):
         gt.solve(W, f.to("meta"), MODEL, c_max=50)
+
+
+@pytest.mark.parametrize(
+    ("name", "model", "further"),
+    [
+        ("models", gf.PCWF(0.5, 1.0), {}),
+        ("internal", MODEL, {"internal": np.ones((1, 12))}),
+        ("cone_weight", MODEL, {"cone_weight": 0.5}),
+    ],
+)
+def test_what_has_no_derivatives_is_refused_by_name(tensors, name, model, further):
+    given = {key: value.detach() for key, value in tensors.items() if key != "mu"}
+    with pytest.raises(gf.InvalidInputError, match=f"^{name}: got .*no derivatives"):
+        gt.solve(**given, models=model, tau_lo=-0.5, tau_hi=0.5, **further)
