@@ -20,6 +20,7 @@ from models import paper_hand_urdf
 import graspforce as gf
 from graspforce import files
 from graspforce.cli import main
+from graspforce.scenarios.random import grasps
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -196,7 +197,8 @@ def test_cli_solve_writes_everything(tmp_path, ending):
     assert done.returncode == 0
     assert str(out) in done.stdout
     expected = tmp_path / f"expected.{ending}"
-    files.write(expected, [(name, gf.solve(problem)) for name, problem in files.read(SEVERAL)])
+    names, problems = zip(*files.read(SEVERAL), strict=True)
+    files.write(expected, list(zip(names, gf.solve_many(problems), strict=True)))
     if ending == "npz":
         with np.load(out) as a, np.load(expected) as b:
             assert set(a) == set(b)
@@ -212,7 +214,7 @@ def test_cli_options_override_every_grasp(tmp_path):
     for got, (name, problem) in zip(
         json.loads(out.read_text(encoding="utf-8"))["results"], files.read(SEVERAL), strict=True
     ):
-        solution = gf.solve(problem.replace(alpha=30, c_max=50), gf.Settings(tol=1e-12))
+        (solution,) = gf.solve_many([problem.replace(alpha=30, c_max=50)], gf.Settings(tol=1e-12))
         assert (got["name"], got["alpha"], got["c"]) == (name, 30, solution.c.tolist())
 
 
@@ -424,3 +426,21 @@ def test_cli_scenario_does_not_replace_what_nobody_named(tmp_path):
         "graspforce: static.csv: exists already; name it with --out to replace it\n"
     )
     assert (tmp_path / "static.csv").read_text() == "precious"
+
+
+@pytest.mark.parametrize("options", [(), ("--rows",)])
+def test_cli_of_many_grasps_shows_a_summary_unless_asked_for_rows(tmp_path, options):
+    problems = grasps(60)
+    f = np.array([problem.f for problem in problems])
+    f[7] *= 1e4
+    path = tmp_path / "many.npz"
+    np.savez(
+        path, f=f, tau_limit=0.5,
+        **{name: np.array([getattr(each, name) for each in problems]) for name in ("W", "J", "mu")},
+    )  # fmt: skip
+    done = run("solve", path, *options)
+    assert done.returncode == 0
+    assert "60 grasps: " in done.stdout
+    assert ("many[59]" in done.stdout) or not options
+    assert ("median" in done.stdout) is not bool(options)
+    assert len(done.stdout.splitlines()) < 45 or options

@@ -48,3 +48,12 @@ def test_every_source_file_that_the_docs_name_exists():
     assert len(named) > 60
     for page, name in named:
         assert any(file.endswith(f"/{name}") for file in files), f"{page.name}: {name}"
+
+
+def test_the_snippets_about_batches_run_in_one_session():
+    page = ROOT / "docs" / "batch.md"
+    session: dict[str, object] = {}
+    snippets = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
+    assert len(snippets) == 2
+    for code in snippets:
+        exec(compile(code, str(page), "exec"), session)

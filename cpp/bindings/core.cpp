@@ -1,5 +1,6 @@
 // The compiled module graspforce._core: translation between Python and the core, nothing else.
 // It is built once for each instruction set, under the name GRASPFORCE_MODULE.
+#include "batch.hpp"
 #include "kkt.hpp"
 #include "servo.hpp"
 #include "solve.hpp"
@@ -23,6 +24,25 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
   module.def("solve", &graspforce::solve, "solution"_a, "problem"_a, "layout"_a, "packed"_a,
              "start"_a.none(), "tol"_a, "max_steps"_a, "budget_us"_a,
              "Solves a ForceProblem; what comes back is a `solution`.");
+
+  module.def(
+      "solve_batch", &graspforce::solve_batch_of, "layout"_a, "count"_a, "fields"_a,
+      "start"_a.none(), "c"_a, "nu"_a, "status"_a, "newton_steps"_a, "starts"_a, "decrement"_a,
+      "violation"_a, "tol"_a, "max_steps"_a, "budget_us"_a, "threads"_a,
+      nb::sig("def solve_batch(layout: object, count: int, fields: Sequence[object], start: "
+              "object | None, c: object, nu: object, status: object, newton_steps: "
+              "object, starts: object, decrement: object, violation: object, tol: "
+              "float, max_steps: int, budget_us: float, threads: int) -> tuple[object, "
+              "object]"),
+      "Solves `count` problems of a layout, whose fields are arrays of one row each or of one "
+      "that all share, into the arrays given; the infeasible rows and their certificates.");
+
+  module.def("kkt_solve_batch", &graspforce::kkt_solve_batch, "layout"_a, "count"_a, "fields"_a,
+             "c"_a, "wanted"_a, "x"_a, "threads"_a,
+             nb::sig("def kkt_solve_batch(layout: object, count: int, fields: Sequence[object], c: "
+                     "object, wanted: object, x: object, threads: int) -> None"),
+             "kkt_solve in place for the columns of x, (B, m + k, n), of the rows that are wanted; "
+             "zeros for the others and for those with forces c that are not strictly inside.");
 
   module.def(
       "kkt_solve", &graspforce::kkt_solve, "layout"_a, "packed"_a, "c"_a, "rhs"_a,

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 from graspforce._engine.outcome import Start, Status
 from graspforce._engine.settings import Settings
+from graspforce.batch import Batch, BatchVerification, iterate_many, solve_batch, solve_many
 from graspforce.certificate import Certificate, check_certificate
 from graspforce.contact import FPC, PCWF, SFC, Contact, suction_cup
 from graspforce.errors import (
@@ -36,6 +37,7 @@ from graspforce.errors import (
 from graspforce.grasp import Grasp
 from graspforce.grasp_map import grasp_map
 from graspforce.problem import ForceProblem
+from graspforce.sensitivity import Sensitivity, sensitivity
 from graspforce.servo import Servo
 from graspforce.solution import (
     InfeasibleGraspError,
@@ -72,6 +74,8 @@ __all__ = [
     "FPC",
     "PCWF",
     "SFC",
+    "Batch",
+    "BatchVerification",
     "Certificate",
     "Contact",
     "ForceProblem",
@@ -83,6 +87,7 @@ __all__ = [
     "MissingExtraError",
     "ModelImportError",
     "NotConvergedError",
+    "Sensitivity",
     "Servo",
     "Settings",
     "Solution",
@@ -101,14 +106,18 @@ __all__ = [
     "grasp_map",
     "guaranteed",
     "hands",
+    "iterate_many",
     "payload",
     "reference",
     "regrasp",
     "robust",
     "scenarios",
+    "sensitivity",
     "sim",
     "soles",
     "solve",
+    "solve_batch",
+    "solve_many",
     "suction_cup",
     "trajectory",
 ]

@@ -685,7 +685,19 @@ def suboptimality(decrement: float) -> float:
 
 
 def decrement_and_error(c: Array, W: Array, barriers: Barriers) -> tuple[float, float]:
-    """Newton decrement at c of Phi over its unit on {W c = f}, and what rounding may do to it.
+    """:func:`decrements_and_errors` of one problem, as two numbers."""
+    dims, scaling, weight = barriers.cones
+    batch = Barriers(
+        Cones(dims, scaling[None], None if weight is None else weight[None]),
+        barriers.A[None], barriers.b[None], np.asarray(barriers.alpha)[None],
+        *(() if barriers.S is None or barriers.t is None else (barriers.S[None], barriers.t[None])),
+    )  # fmt: skip
+    decrement, error = decrements_and_errors(c[None], W[None], batch)
+    return float(decrement[0]), float(error[0])
+
+
+def decrements_and_errors(c: Array, W: Array, barriers: Barriers) -> tuple[Array, Array]:
+    """Newton decrements at c of Phi over its unit on {W c = f}, and what rounding may do to them.
 
     It is the length of what projecting onto W d = 0 leaves of the scaled gradient γ, where
     ``∇Phi = G.T γ`` and ``∇²Phi = G.T G``: the Hessian itself, which holds squares, is not formed.
@@ -695,46 +707,77 @@ def decrement_and_error(c: Array, W: Array, barriers: Barriers) -> tuple[float, 
     times its condition, and the decrement follows.
 
     Args:
-        c: contact forces of one problem, shape (m,) [N, N·m].
-        W: grasp map, shape (k, m).
-        barriers: cones, limits, alpha and softness.
+        c: contact forces of B problems, shape (B, m) [N, N·m].
+        W: grasp maps, shape (B, k, m).
+        barriers: cones, limits, alpha and softness, each with the leading axis.
 
     Returns:
-        The decrement [-], inf outside, and on the boundary as far as rounding can tell; and how
-        far the rounding of c and W may have moved it.
+        The decrements [-], shape (B,), inf outside, and on the boundary as far as rounding can
+        tell; and how far the rounding of c and W may have moved them.
     """
-    if not len(c):
-        return 0.0, 0.0
+    decrement, error = np.full(len(c), np.inf), np.zeros(len(c))
+    if not c.shape[-1]:
+        return error, error
     with np.errstate(all="ignore"):
-        if not strictly_inside(c, barriers, ROUNDING):
-            return math.inf, 0.0
-        try:
-            length, error = _projected_length(c, W, *factored_derivatives(c, barriers))
-        except np.linalg.LinAlgError:  # rounding or overflow has the last word
-            return math.inf, 0.0
-    return (length, error) if math.isfinite(length) else (math.inf, 0.0)
+        inside = strictly_inside(c, barriers, ROUNDING)
+        size = np.linalg.norm(W, axis=-1, keepdims=True)
+        scaled = W / np.where(size > 0, size, 1)
+        inside &= np.isfinite(scaled).all(axis=(-1, -2)) & np.isfinite(c).all(axis=-1)
+        if not inside.any():
+            return decrement, error
+        G, gamma = factored_derivatives(c, barriers)
+        inside &= np.isfinite(G).all(axis=(-1, -2)) & np.isfinite(gamma).all(axis=-1)
+        _, strengths, directions = np.linalg.svd(scaled[inside], full_matrices=False)
+        rank = (strengths > RANK_TOLERANCE * strengths.max(axis=-1, initial=0)[:, None]).sum(axis=1)
+        for each in np.unique(rank).tolist():  # the rank decides the shapes
+            rows = np.flatnonzero(inside)[rank == each]
+            of_rank = rank == each
+            lengths, errors = _projected_lengths(
+                c[rows], strengths[of_rank], directions[of_rank], G[rows], gamma[rows], each
+            )
+            decrement[rows] = np.where(np.isfinite(lengths), lengths, np.inf)
+            error[rows] = np.where(np.isfinite(lengths), errors, 0.0)
+    return decrement, error
 
 
-def _projected_length(c: Array, W: Array, G: Array, gamma: Array) -> tuple[float, float]:
-    """Length of what projecting onto W d = 0 leaves of γ, and what rounding may do to it."""
-    order = np.argsort(-np.abs(G).max(axis=1))  # what rounding does to the large rows stays there
-    Q, R = np.linalg.qr(G[order])
-    along = Q.T @ gamma[order]
-    size = np.linalg.norm(W, axis=1, keepdims=True)
-    _, strengths, directions = np.linalg.svd(W / np.where(size > 0, size, 1), False)
-    rank = int((strengths > RANK_TOLERANCE * strengths.max(initial=0)).sum())
-    if rank == len(c):  # W c = f has one solution
-        return 0.0, 0.0
-    Z = np.linalg.solve(R.T, directions[:rank].T)
-    Z = Z / np.linalg.norm(Z, axis=0)
+def _projected_lengths(
+    c: Array, strengths: Array, directions: Array, G: Array, gamma: Array, rank: int
+) -> tuple[Array, Array]:
+    """Lengths of what projecting onto W d = 0 leaves of γ, and what rounding may do to them.
+
+    Args:
+        c: forces, shape (B, m).
+        strengths: singular values of W in rows of unit length, shape (B, r).
+        directions: its right singular vectors, shape (B, r, m).
+        G: see :func:`factored_derivatives`, shape (B, v, m).
+        gamma: likewise, shape (B, v).
+        rank: of W in all rows.
+    """
+    m = c.shape[1]
+    if rank == m:  # W c = f has one solution
+        return np.zeros(len(c)), np.zeros(len(c))
+    order = np.argsort(-np.abs(G).max(axis=-1))  # what rounding does to the large rows stays there
+    Q, R = np.linalg.qr(np.take_along_axis(G, order[..., None], axis=1))
+    along = _times(np.swapaxes(Q, 1, 2), np.take_along_axis(gamma, order, axis=1))
+    broken = (np.diagonal(R, axis1=1, axis2=2) == 0).any(axis=1)  # rounding has the last word
+    R[broken] = np.eye(m)
+    Z = np.linalg.solve(np.swapaxes(R, 1, 2), np.swapaxes(directions[:, :rank], 1, 2))
+    Z = Z / np.linalg.norm(Z, axis=1, keepdims=True)
+    broken |= ~np.isfinite(Z).all(axis=(1, 2)) | ~np.isfinite(along).all(axis=1)
+    Z[broken] = np.eye(m)[:, :rank]
     basis, _ = np.linalg.qr(Z)
     left = along
     for _ in range(2):  # once more for what cancellation leaves
-        left = left - basis @ (basis.T @ left)
-    condition = float(np.linalg.cond(Z) * strengths[0] / strengths[rank - 1]) if rank else 1.0
-    turned = 16 * len(c) * condition * float(np.linalg.norm(along))
-    moved = 64 * float(np.linalg.norm(np.abs(G) @ np.abs(c)) + np.linalg.norm(gamma))
-    return float(np.linalg.norm(left)), np.finfo(float).eps * (turned + moved)
+        left = left - _times(basis, _times(np.swapaxes(basis, 1, 2), left))
+    condition: Any = np.ones(len(c))
+    if rank:
+        condition = np.linalg.cond(Z) * strengths[:, 0] / strengths[:, rank - 1]
+    turned = 16 * m * condition * np.linalg.norm(along, axis=1)
+    moved = 64 * (
+        np.linalg.norm(_times(np.abs(G), np.abs(c)), axis=1) + np.linalg.norm(gamma, axis=1)
+    )
+    lengths = np.where(broken, np.inf, np.linalg.norm(left, axis=1))
+    return lengths, np.spacing(1.0) * (turned + moved)
 
 
 def factored_derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:

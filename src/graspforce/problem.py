@@ -9,7 +9,7 @@ buffer, whose order :mod:`graspforce._engine.layout` fixes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
@@ -159,13 +159,7 @@ class ForceProblem:
             "internal": internal,
             "cone_weight": cone_weight,
         }  # fmt: skip
-        for group in _GROUPS:
-            _together({name: given[name] for name in group})
-        for name in ("tau_bias", "internal"):
-            if given[name] is not None and J is None:
-                raise InvalidInputError(f"{name}: given without J, tau_lo and tau_hi")
-        if engagement is not None and c_max is None:
-            raise InvalidInputError("engagement: given without c_max, the ceiling that it scales")
+        require_groups(given)
         joints = inequalities = internals = 0
         if J is not None:
             given["J"] = as_array(J, "J", (m, "n_joints"), finite=False)
@@ -176,11 +170,7 @@ class ForceProblem:
         if A is not None:
             given["A"] = as_array(A, "A", ("p", m), finite=False)
             inequalities = given["A"].shape[0]
-        layout = Layout(
-            k, tuple(model.dim for model in each), joints, inequalities, c_max is not None,
-            c_min is not None, c_last is not None, f_soft is not None,
-            any(model.pull > 0 for model in each), internals, cone_weight is not None,
-        )  # fmt: skip
+        layout = layout_of(given, each, k, joints, inequalities, internals)
         given["mu"] = [model.mu for model in each]
         given["gamma"] = [model.gamma for model in each]
         given["pull"] = [model.pull for model in each] if layout.pulls else None
@@ -602,6 +592,46 @@ def _check_values(layout: Layout, packed: Array) -> None:
     flaw = native.module.find_flaw(layout, packed)
     if flaw is not None:
         native.refuse(flaw)
+
+
+def require_known(names: Collection[str]) -> None:
+    """Raise unless every name is one of an argument of :class:`ForceProblem`.
+
+    Raises:
+        InvalidInputError: one is not; the text lists the valid ones.
+    """
+    require_keywords(names, ProblemOptions.__annotations__, "ForceProblem")
+
+
+def require_groups(given: Mapping[str, object]) -> None:
+    """Raise unless arguments that make sense together alone are given together, or None.
+
+    Raises:
+        InvalidInputError: one is missing.
+    """
+    for group in _GROUPS:
+        _together({name: given[name] for name in group})
+    for name in ("tau_bias", "internal"):
+        if given[name] is not None and given["J"] is None:
+            raise InvalidInputError(f"{name}: given without J, tau_lo and tau_hi")
+    if given["engagement"] is not None and given["c_max"] is None:
+        raise InvalidInputError("engagement: given without c_max, the ceiling that it scales")
+
+
+def layout_of(
+    given: Mapping[str, object],
+    models: Sequence[ContactModel],
+    k: int,
+    joints: int,
+    inequalities: int,
+    internals: int,
+) -> Layout:
+    """Return the layout of problems with these arguments, None for one that is not given."""
+    return Layout(
+        k, tuple(model.dim for model in models), joints, inequalities, given["c_max"] is not None,
+        given["c_min"] is not None, given["c_last"] is not None, given["f_soft"] is not None,
+        any(model.pull > 0 for model in models), internals, given["cone_weight"] is not None,
+    )  # fmt: skip
 
 
 def _together(arguments: dict[str, object]) -> None:

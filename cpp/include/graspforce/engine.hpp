@@ -96,6 +96,14 @@ class Engine {
   // Discards the optima of the ticks before.
   void reset() { history_.clear(); }
 
+  // Forgets the problems before, the blocks and the rank that they had included: the next answer
+  // then depends on the next problem alone, to the last bit.
+  void forget() {
+    history_.clear();
+    kernels_.forget();
+    rank_.forget_deficiency();
+  }
+
  private:
   // Decrement at an extrapolated start above which the last optimum is looked at as well.
   static constexpr double kPromising = 0.5;

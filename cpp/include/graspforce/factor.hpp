@@ -43,6 +43,10 @@ class Factor {
 
   const Layout& layout() const { return pull_.outer(); }
 
+  // Forgets the blocks of the problems before: the next solutions depend on the next problem alone,
+  // to the last bit.
+  void forget() { structure_.forget(); }
+
   // Factors a packed problem at forces c, the internal ones behind those of the contacts. False,
   // and nothing to solve with, unless c is strictly inside every cone and limit. Contacts out of
   // the grasp do not count.

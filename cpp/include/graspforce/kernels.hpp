@@ -26,6 +26,9 @@ class Kernels {
   const Structure& structure() const { return structure_; }
   bool empty() const { return structure_.blocks().empty(); }  // no contact in the grasp
 
+  // The next problem's blocks are its own, whatever those of the last.
+  void forget() { structure_.forget(); }
+
   // Finds the blocks anew and chooses, where the last ones do not hold for the problem any more;
   // true when that was so. `changed` tells what differs from the last problem.
   bool rearrange(const Problem& problem, unsigned changed) {

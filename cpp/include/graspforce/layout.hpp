@@ -130,6 +130,7 @@ void each_field(const Layout& l, Visit visit) {
 
 // Read access to a packed problem: pointers to its fields, row-major.
 struct Problem : Fields<const double*> {
+  Problem() = default;
   Problem(const Layout& layout, const double* packed) : Problem(Offsets(layout), packed) {}
   Problem(const Offsets& at, const double* packed) {
 #define GRASPFORCE_POINT(name, ...) name = packed + at.name;

@@ -42,6 +42,7 @@ class RankExamination {
   bool unreachable() const { return known_ && (overflows_ || !reachable_); }
   bool known() const { return known_; }  // there was a run since `forget`
   void forget() { known_ = false; }
+  void forget_deficiency() { deficient_ = false; }
 
   // Gram-Schmidt with pivoting and reorthogonalisation over the rows of W; contacts out of the
   // grasp do not count.

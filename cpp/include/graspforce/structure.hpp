@@ -136,6 +136,9 @@ class Structure {
     A_.reserve(static_cast<std::size_t>(m) * layout.inequalities);
   }
 
+  // Holds for no problem any more.
+  void forget() { blocks_.clear(); }
+
   int start(int contact) const { return start_[contact]; }
   int dim(int contact) const { return start_[contact + 1] - start_[contact]; }
   const std::vector<Block>& blocks() const { return blocks_; }
