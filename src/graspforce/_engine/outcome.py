@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
@@ -43,7 +43,6 @@ class Start(_Named):
     GIVEN = 3  #: forces that the caller gave
 
 
-@runtime_checkable
 class Outcome(Protocol):
     """The result of one solve, as the native core and the reference both return it."""
 
