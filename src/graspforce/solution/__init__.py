@@ -22,7 +22,6 @@ from graspforce.errors import GraspForceError, InvalidInputError
 from graspforce.problem import ForceProblem
 from graspforce.solution.verification import Verification, verify
 
-
 # What has every attribute of an Outcome.
 _OUTCOMES = native.module.Outcome | PlainOutcome
 
