@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._util.arrays import Array, as_tuple, came, index_of
+from graspforce._util.arrays import Array, as_tuple
 from graspforce.contact import Contact, ContactModel, as_contacts, patch_weights
 from graspforce.errors import InvalidInputError, warn
 from graspforce.grasp_map import map_about
@@ -28,13 +28,14 @@ from graspforce.hands.configuration import (
     warnings_of,
 )
 from graspforce.hands.hand import Actuation
-from graspforce.hands.imported import as_fingertips, as_link
+from graspforce.hands.imported import as_fingertips
 from graspforce.hands.limits import as_tau_max, has_motor
 from graspforce.hands.loops import HOPELESS, WORTH_SAYING, largest_gap, rows_of
-from graspforce.hands.mujoco.contacts import ContactReader, Indices, cross_matrices
+from graspforce.hands.mujoco.contacts import ContactReader, Indices
 from graspforce.hands.mujoco.model import (
     Drive,
     StopReader,
+    as_body,
     bias_forces,
     body_of,
     couplings,
@@ -43,22 +44,19 @@ from graspforce.hands.mujoco.model import (
     drive_rows,
     drives,
     every_dof,
-    free_joint_dofs,
     joints_as_drives,
     links_of,
     mocap_bodies,
-    moved_by,
     mujoco_module,
     name_of,
     taking_part,
     turning,
 )
+from graspforce.hands.mujoco.object import HeldObject
 from graspforce.hands.stops import Stops
 from graspforce.hands.transmission import (
     Transmission,
     connected_dofs,
-    independent_columns,
-    null_space,
     transmission,
 )
 
@@ -171,15 +169,8 @@ class MujocoGrasp:
                 f"model: got a {type(model).__name__}, expected an mujoco.MjModel"
             )
         self._model = model
-        self._body = _as_body(model, object_body, "object_body")
-        self._top = int(model.body_weldid[self._body])
-        if not self._top:
-            raise InvalidInputError(
-                f"object_body: {object_body!r} is fixed to the world, expected a body that can move"
-            )
-        inside = np.zeros(model.nbody, dtype=bool)
-        for body in range(self._top, model.nbody):  # a body comes after its parent
-            inside[body] = body == self._top or inside[model.body_parentid[body]]
+        self._object = HeldObject(model, object_body)
+        inside = self._object.inside
         self._drives, self._motor_notes = drives(model)
         self._drives += joints_as_drives(model, self._drives, tau_max, motors, inside)
         if motors is not None:
@@ -193,12 +184,9 @@ class MujocoGrasp:
         # How a body at a contact moves relative to the object, per joint rate: as it does, or if
         # it belongs to the object, as the object does relative to it.
         self._acting = above.astype(float)
-        self._acting[inside] = -1.0 * (above[inside] & ~above[self._top])
+        self._acting[inside] = -1.0 * (above[inside] & ~self._object.carrying)
         self._above = above
         self._reader = ContactReader(model, inside)
-        self._root_of_dof = model.body_rootid[model.dof_bodyid]
-        self._floats = bool(moved_by(model, self._top)[free_joint_dofs(model)].any())
-        self._own_dofs = inside[model.dof_bodyid] & ~moved_by(model, self._top)
         self._hand: _Hand | None = None
         self.update(data)
         warn(*self._warnings())
@@ -217,7 +205,7 @@ class MujocoGrasp:
         model = self._model
         _require_data(data, model)
         moments, tied = drive_rows(model, data, self._drives), couplings(model, data)
-        computed = data.xquat[self._top].any() and (moments.any() or not self._drives)
+        computed = data.xquat[self._object.top].any() and (moments.any() or not self._drives)
         if not computed:
             raise InvalidInputError(
                 "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
@@ -234,9 +222,9 @@ class MujocoGrasp:
         coupled = np.vstack((rows_of(tied, self._turns), self._held)) if tied else self._held
         stops = self._stops.read(data)
         hand = self._hand_of(np.any(acting != 0, axis=0), moments, coupled, stops)
-        origin = np.array(data.subtree_com[self._top])
+        origin = self._object.centre(data)
         wrenches = contacts.wrenches(origin)
-        screws = self._read_screws(data, hand.dofs, origin)
+        screws = self._object.screws(data, hand.dofs)
         full = wrenches @ screws.T
         full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
         bias = bias_forces(model, data)[hand.dofs]
@@ -244,7 +232,7 @@ class MujocoGrasp:
         self._contacts, self._hand, self._screws = contacts, hand, screws
         self._gap, self._tied = gap, tied
         self.origin, self.actuation = origin, actuation
-        self.motions = self._motions(data, moments, coupled)
+        self.motions = self._object.motions(data, moments, coupled)
         self.W = np.ascontiguousarray(wrenches.T)
         self.joint_names, self.J = actuation.joint_names, actuation.J
         self.tau_lo, self.tau_hi = actuation.tau_lo, actuation.tau_hi
@@ -288,7 +276,7 @@ class MujocoGrasp:
             ),
             *self._motor_notes,
             *stop_notes(hand.stops, hand.transmission),
-            *self._object_notes(),
+            *self._object.notes(hand.moments, self.motions),
         ]
         if self._gap.share > WORTH_SAYING:
             notes.append(
@@ -308,7 +296,7 @@ class MujocoGrasp:
     @property
     def object_name(self) -> str:
         """The name of the object's body."""
-        return name_of(self._model, mujoco_module().mjtObj.mjOBJ_BODY, self._body)
+        return self._object.name
 
     @property
     def pull(self) -> Array:
@@ -361,7 +349,7 @@ class MujocoGrasp:
             raise InvalidInputError(
                 f"links: got {len(links)}, expected {len(given)}, one a contact"
             )
-        bodies = [_as_body(self._model, link, "links") for link in links]
+        bodies = [as_body(self._model, link, "links") for link in links]
         if self._chosen is None:
             elsewhere = np.delete(self._acting[bodies], hand.dofs, axis=1).any(axis=1)
             for link in np.array(links)[elsewhere].tolist():
@@ -480,58 +468,6 @@ class MujocoGrasp:
         moved = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
         return _Hand(key, moments, couplings, dofs, motors, leaned, moved)
 
-    def _motions(self, data: Any, moments: Array, couplings: Array) -> Array | None:
-        """Return what ``motions`` is."""
-        carrying = self._above[self._top]
-        if self._floats or not carrying.any():
-            return None
-        dofs = connected_dofs(carrying, couplings)
-        if moments[:, dofs].any():
-            return None
-        screws = self._read_screws(data, dofs, self.origin).T * carrying[dofs]
-        motions = independent_columns(screws @ null_space(couplings[:, dofs]))
-        return motions if motions.shape[1] < 6 else None
-
-    def _object_notes(self) -> list[str]:
-        """Say what else moves with the object, and what carries it, a sentence each."""
-        model, body, own = self._model, mujoco_module().mjtObj.mjOBJ_BODY, self.object_name
-        moments = self._found.moments.any(axis=0)
-        carrying, notes = self._above[self._top], list[str]()
-        if carrying.any():
-            joints = ", ".join(dict.fromkeys(dof_names(model, np.flatnonzero(carrying))))
-            if self.motions is not None:
-                notes.append(
-                    f"{own!r} moves by {joints} alone: of f only what works along these motions is "
-                    "asked of the contacts, and the joints bear the rest"
-                )
-            elif self._floats:
-                root = name_of(model, body, int(model.body_rootid[self._top]))
-                notes.append(
-                    f"{own!r} hangs by {joints} on {root!r}, which floats: all of f is asked of "
-                    f"the contacts; object_body={root!r} counts both"
-                )
-        held: dict[int, list[str]] = {}
-        for dof in np.flatnonzero(self._own_dofs & ~moments).tolist():
-            held.setdefault(int(model.dof_bodyid[dof]), []).extend(
-                dof_names(model, np.array([dof]))
-            )
-        if held:
-            parts = ", ".join(
-                f"{name_of(model, body, each)} ({model.body_mass[each]:.3g} kg, by "
-                f"{', '.join(dict.fromkeys(joints))})"
-                for each, joints in held.items()
-            )
-            notes.append(f"f has to hold what moves on {own!r} too: {parts}")
-        return notes
-
-    def _read_screws(self, data: Any, dofs: Indices, origin: Array) -> Array:
-        """Return the motion by each joint's, [linear at ``origin``; angular], shape (n_dofs, 6)."""
-        about_root = data.cdof[dofs]  # [angular; linear] at the centre of mass of the dof's tree
-        angular = about_root[:, :3]
-        arm = origin - data.subtree_com[self._root_of_dof[dofs]]
-        linear = about_root[:, 3:] + (cross_matrices(arm) @ -angular[..., None])[..., 0]
-        return np.concatenate((linear, angular), axis=1)
-
 
 def held_grasp(
     model: Any,
@@ -561,24 +497,6 @@ def held_grasp(
             f"contact: {absent}"
         )
     return grasp
-
-
-def _as_body(model: Any, body: object, argument: str) -> int:
-    """Return a body's number, given that or its name."""
-    mj = mujoco_module()
-    if isinstance(body, str):
-        number = int(mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, body))
-        if number < 0:
-            names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
-            as_link(body, argument, [name for name in names if name])
-        return number
-    number = index_of(body)
-    if number is None or not 0 <= number < model.nbody:
-        raise InvalidInputError(
-            f"{argument}: got {came(body)}, expected a body's name or its number, below "
-            f"{model.nbody}"
-        )
-    return number
 
 
 def _indices(joints: Sequence[str], candidates: Sequence[Drive]) -> list[int]:

@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._util.arrays import Array
+from graspforce._util.arrays import Array, came, index_of
 from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
 from graspforce.hands.configuration import as_names, stop_notes
+from graspforce.hands.imported import as_link
 from graspforce.hands.limits import DriveLimit, as_tau_max
 from graspforce.hands.loops import Coupling, rows_of
 from graspforce.hands.stops import Stops, ends, no_stops
@@ -535,6 +536,28 @@ def body_of(model: Any, link: str) -> int:
     """Return the body that is, or carries the site that is, called ``link``."""
     kind, index = find_link(model, link)
     return index if kind == "body" else int(model.site_bodyid[index])
+
+
+def as_body(model: Any, body: object, argument: str) -> int:
+    """Return a body's number, given that or its name.
+
+    Raises:
+        InvalidInputError: there is no such body; the text names the argument.
+    """
+    mj = mujoco_module()
+    if isinstance(body, str):
+        number = int(mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, body))
+        if number < 0:
+            names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
+            as_link(body, argument, [name for name in names if name])
+        return number
+    number = index_of(body)
+    if number is None or not 0 <= number < model.nbody:
+        raise InvalidInputError(
+            f"{argument}: got {came(body)}, expected a body's name or its number, below "
+            f"{model.nbody}"
+        )
+    return number
 
 
 def name_of(model: Any, kind: Any, index: int) -> str:
