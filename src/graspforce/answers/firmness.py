@@ -92,7 +92,7 @@ class Grip:
     @property
     def torque_reserve(self) -> float:
         """The smallest distance of a torque to its limit over half the joint's range."""
-        tau = equations.joint_torques(self.c, self.problem.J, self.problem.tau_bias)
+        tau = self.solution.tau + self.problem.J.T @ (self.c - self.solution.c)
         return float(torque_reserves(self.problem, tau).min(initial=math.inf))
 
 
@@ -447,17 +447,17 @@ def _between(firm: _Point, light: _Point) -> float:
 
 def _point(solution: Solution, force: float, wanted: float) -> _Point:
     """Return where a solution is in the search, its slope by the derivative of the optimum."""
-    problem = solution.problem.restricted()
-    c = solution.c[solution.problem.active_components]
-    barriers = problem.barriers
-    _, hessian = equations.derivatives(c, barriers)
-    push = problem.alpha * equations.grad_phi_lin(c, barriers.A, barriers.b)
+    ordinary, forces = solution.without_pulls()
+    problem, forces = ordinary.restricted(), forces[ordinary.active_forces]
+    barriers, (W, f) = problem.barriers, problem.equalities
+    _, hessian = equations.derivatives(forces, barriers)
+    push = problem.alpha * equations.grad_phi_lin(forces, barriers.A, barriers.b)
     # H dc + W.T dnu = −push with W dc = 0, in units in which H has a unit diagonal.
     unit = 1 / np.sqrt(np.diag(hessian))
-    _, null = equations.particular_and_nullspace(problem.W * unit, problem.f)
+    _, null = equations.particular_and_nullspace(W * unit, f)
     scaled = hessian * unit[:, None] * unit
     dc = -unit * (null @ np.linalg.solve(null.T @ scaled @ null, null.T @ (unit * push)))
-    normals = c[problem.starts[:-1]]
+    normals = solution.normal_forces[solution.problem.active]
     above = max(float(normals.max()) - force, 1e-6 * force)
     rate = float(dc[problem.starts[:-1]][normals.argmax()])
     return _Point(math.log(problem.alpha), math.log(above / force) - wanted, rate / above)
