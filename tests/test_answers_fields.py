@@ -5,7 +5,7 @@ import pytest
 from test_answers_firmness import feasible
 
 import graspforce as gf
-from graspforce import firmness, payload, regrasp, robust
+from graspforce import firmness, guaranteed, payload, regrasp, robust
 from graspforce.answers.wishes import slip_reserves, with_friction
 
 
@@ -119,6 +119,18 @@ def test_friction_of_cups_is_that_of_their_preload():
     lower = robust.tighten(problem, friction=0.2)
     assert lower.mu == pytest.approx(0.4)
     assert lower.pull == pytest.approx(6.0)
+
+
+def test_margins_of_cups_that_are_guaranteed():
+    """Without friction the wrench alone tells what each cup carries."""
+    problem = cups(3.0).replace(f=[0, 0, 3.0, 0, 0, 0])
+    normals = problem.starts[:-1]
+    smooth = gf.ForceProblem(
+        problem.W[np.ix_([2, 3, 4], normals)], [3.0, 0, 0], gf.FPC(pull=6.0),
+        np.zeros((3, 1)), [-1], [1], c_max=20,
+    )  # fmt: skip
+    bounds = guaranteed.friction_margins(gf.solve(smooth))
+    assert bounds == pytest.approx(6 - np.array([1.125, 0.9375, 0.9375]), abs=1e-5)
 
 
 def shared():
