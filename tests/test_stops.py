@@ -371,6 +371,25 @@ def test_a_pinocchio_reader_sees_a_joint_reach_its_stop_and_leave_it(written):
     assert "tip_a, tip_b" in reader.notes[-1]
 
 
+# Joints with motors, whose limits their stops open, and without, whose stops are rows of A.
+@pytest.mark.parametrize("effort", [1.0, 0.0])
+def test_a_pinocchio_reader_sees_joints_go_from_one_stop_to_the_other(effort, written):
+    path, contacts = written(urdf(effort)), grasp_of(two_fingers(), Q, 1).contacts
+    _, _, reader = of_pinocchio(path, Q, contacts)
+    before = reader.actuation
+    _, angles, expected = of_pinocchio(path, Q | {"tip_a": 1.5, "tip_b": 1.5}, contacts)
+    reader.update(angles, contacts, origin=(0, 0, 0.1))
+    for name in ("J", "passive_rows", "A", "b", "stopped"):
+        found = getattr(reader.actuation, name)
+        np.testing.assert_allclose(found, getattr(expected.actuation, name), atol=1e-12)
+    if effort:
+        assert (before.stopped.tolist(), expected.actuation.stopped.tolist()) == (
+            [0, 1, 0, 1], [0, -1, 0, -1]
+        )  # fmt: skip
+    else:
+        assert np.abs(before.A - expected.A).max() > 0.01
+
+
 # ---- brakes and motors -------------------------------------------------------------------------
 
 

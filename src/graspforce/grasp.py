@@ -81,7 +81,8 @@ class Grasp:
         if (hand is None) != (q is None):
             given, missing = ("q", "hand") if hand is None else ("hand", "q")
             raise InvalidInputError(f"{missing}: missing; {given} came without it")
-        self._set_contacts(as_contacts(contacts), as_array(origin, "origin", (3,)))
+        given, about = as_contacts(contacts), as_array(origin, "origin", (3,))
+        self._set_contacts(given, about, map_about(about, given))
         warn_of_slips(self.contacts)
         if hand is not None and q is not None:
             from graspforce.hands.hand import actuation
@@ -90,10 +91,9 @@ class Grasp:
             self._set_actuation(actuation(hand, self.contacts, q))
             self.links = hand.made_by if isinstance(hand, ImportedHand) else ()
 
-    def _set_contacts(self, contacts: tuple[Contact, ...], origin: Array) -> None:
-        """Set checked contacts and origin, without a hand."""
-        self.contacts, self.origin = contacts, origin
-        self.W = map_about(origin, contacts)
+    def _set_contacts(self, contacts: tuple[Contact, ...], origin: Array, W: Array) -> None:
+        """Set checked contacts, origin and their grasp map, without a hand."""
+        self.contacts, self.origin, self.W = contacts, origin, W
         self.models: tuple[ContactModel, ...] = tuple(each.model for each in contacts)
         self.J: Array | None = None
         self.tau_lo: Array | None = None
@@ -267,7 +267,7 @@ class Grasp:
     @classmethod
     def _imported(cls, read: ImportedGrasp) -> Grasp:
         grasp = cls.__new__(cls)
-        grasp._set_contacts(read.contacts, read.origin)
+        grasp._set_contacts(read.contacts, read.origin, read.W)
         grasp.motions = read.motions
         grasp._set_actuation(read.actuation)
         grasp.links, grasp.notes = read.links, (*read.notes, *grasp.notes)

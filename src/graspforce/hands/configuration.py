@@ -171,11 +171,6 @@ def locking_rows(locked: Sequence[str], dof_names: Sequence[str]) -> Array:
     return np.eye(len(dof_names))[[name in locked for name in dof_names]]
 
 
-def lock_notes(locked: Sequence[str]) -> list[str]:
-    """Say which joints are held, in a sentence or none."""
-    return [f"held whatever the contacts do to them: {', '.join(locked)}"] if locked else []
-
-
 def stop_notes(stops: Stops, transmission: Transmission) -> list[str]:
     """Say which joints lean on their stops, a sentence for those of each kind."""
     kinds: dict[str, list[str]] = {}
@@ -190,22 +185,6 @@ def stop_notes(stops: Stops, transmission: Transmission) -> list[str]:
     return [f"at a stop, {kind}: {', '.join(names)}" for kind, names in kinds.items()]
 
 
-def friction_notes(names: Sequence[str], sizes: Array) -> list[str]:
-    """Say that dry friction in joints is not counted, in a sentence or none.
-
-    Args:
-        names: the joints, n of them.
-        sizes: their dry friction, shape (n,) [N·m; N for slides and tendons].
-    """
-    rubbing = [
-        f"{name} (up to {size:g})"
-        for name, size in dict(zip(names, sizes.tolist(), strict=True)).items()
-        if size > 0
-    ]
-    what = "friction in the joints helps to hold and is not counted [N·m; N for slides]"
-    return [f"{what}: {', '.join(rubbing)}"] if rubbing else []
-
-
 def warnings_of(
     motors: Motors[D], transmission: Transmission, dof_names: Sequence[str]
 ) -> tuple[str, ...]:
@@ -214,13 +193,28 @@ def warnings_of(
 
 
 def notes_of(
-    motors: Motors[D], transmission: Transmission, dof_names: Sequence[str]
+    motors: Motors[D],
+    transmission: Transmission,
+    dof_names: Sequence[str],
+    locked: Sequence[str],
+    friction: Array,
 ) -> tuple[str, ...]:
-    """Return what else there is to know, a sentence each."""
-    coupled = _coupling_notes(transmission, dof_names, motors.joint_names)
+    """Return what else there is to know, a sentence each.
+
+    Args:
+        motors: the motors.
+        transmission: how they move the joints.
+        dof_names: the joint of each degree of freedom, n_dofs names.
+        locked: the joints that are held.
+        friction: dry friction of the joints, shape (n_dofs,) [N·m; N for slides].
+    """
     return (
-        *idle_notes(motors.idle), *coupled, *_internal_notes(transmission, motors.joint_names),
-    )  # fmt: skip
+        *idle_notes(motors.idle),
+        *_coupling_notes(transmission, dof_names, motors.joint_names),
+        *_internal_notes(transmission, motors.joint_names),
+        *_lock_notes(locked),
+        *_friction_notes(dof_names, friction),
+    )
 
 
 def idle_notes(idle: Sequence[str]) -> list[str]:
@@ -269,6 +263,27 @@ def loaded_motions(full: Array, free: Array) -> Array:
     left, sizes, _ = np.linalg.svd((full @ free).T, full_matrices=False)
     scale = np.abs(full).max(initial=0.0)
     return free @ left[:, sizes > RANK_TOLERANCE * scale]
+
+
+def _lock_notes(locked: Sequence[str]) -> list[str]:
+    """Say which joints are held, in a sentence or none."""
+    return [f"held whatever the contacts do to them: {', '.join(locked)}"] if locked else []
+
+
+def _friction_notes(names: Sequence[str], sizes: Array) -> list[str]:
+    """Say that dry friction in joints is not counted, in a sentence or none.
+
+    Args:
+        names: the joints, n of them.
+        sizes: their dry friction, shape (n,) [N·m; N for slides and tendons].
+    """
+    rubbing = [
+        f"{name} (up to {size:g})"
+        for name, size in dict(zip(names, sizes.tolist(), strict=True)).items()
+        if size > 0
+    ]
+    what = "friction in the joints helps to hold and is not counted [N·m; N for slides]"
+    return [f"{what}: {', '.join(rubbing)}"] if rubbing else []
 
 
 def _coupling_notes(

@@ -144,6 +144,11 @@ class ImportedGrasp(Protocol):
         ...
 
     @property
+    def W(self) -> Array:
+        """Grasp map, shape (6, m)."""
+        ...
+
+    @property
     def actuation(self) -> Actuation:
         """What the joints bring into the force problem."""
         ...

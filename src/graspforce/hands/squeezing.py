@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
-from graspforce.contact import Contact, contact_starts
+from graspforce.contact import Contact, cone_scalings, contact_starts
 from graspforce.hands.hand import Actuation
 from graspforce.hands.transmission import null_space
 
@@ -105,8 +105,7 @@ def _cancelling(
     own = np.arange(4) < dims[:, None]
     m = int(dims.sum())
     normals = (np.cumsum(dims) - dims)[:, None] == np.arange(m)
-    scale = np.ones((n, 4))
-    scale[own] = np.concatenate([each.model.cone_scaling for each in contacts])
+    scale = cone_scalings(*np.array([(each.model.mu, each.model.gamma) for each in contacts]).T)
     corners, images, weights = np.zeros((rows.shape[1], 0)), np.zeros((len(rows), 0)), np.zeros(0)
     nearest = np.zeros(len(rows))
     for _ in range(300):

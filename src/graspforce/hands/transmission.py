@@ -69,7 +69,7 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
     moved = drives @ allowed
     off = np.zeros((0, allowed.shape[1])) if stops is None else stops @ allowed
     carrying, bearing = _independent(moved), _bearing(off, moved)
-    others, count = np.setdiff1d(np.arange(len(drives)), carrying), len(carrying)
+    others, count = [i for i in range(len(drives)) if i not in carrying], len(carrying)
     either = np.vstack((moved[carrying], off[list(bearing)]))
     inverse = np.linalg.pinv(either, rcond=RANK_TOLERANCE)
     motions = _rounded(allowed @ inverse)
@@ -107,6 +107,8 @@ def _independent(rows: Array) -> list[int]:
     """
     sizes = np.linalg.norm(rows, axis=1)
     left = rows / np.where(sizes > RANK_TOLERANCE * sizes.max(initial=0.0), sizes, np.inf)[:, None]
+    if np.linalg.matrix_rank(left, RANK_TOLERANCE) == len(rows):  # mostly: all would be taken
+        return list(range(len(rows)))
     taken: list[int] = []
     while True:
         lengths = np.linalg.norm(left, axis=1)

@@ -21,8 +21,6 @@ from graspforce.grasp_map import map_about
 from graspforce.hands.configuration import (
     Motors,
     choose_motors,
-    friction_notes,
-    lock_notes,
     locking_rows,
     notes_of,
     stop_notes,
@@ -281,13 +279,15 @@ class MujocoGrasp:
         hand = self._found
         notes = [
             *self._warnings(),
-            *notes_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
-            *self._motor_notes,
-            *lock_notes(self._locked),
-            *stop_notes(hand.stops, hand.transmission),
-            *friction_notes(
-                dof_names(self._model, hand.dofs), self._model.dof_frictionloss[hand.dofs]
+            *notes_of(
+                hand.motors,
+                hand.transmission,
+                dof_names(self._model, hand.dofs),
+                self._locked,
+                self._model.dof_frictionloss[hand.dofs],
             ),
+            *self._motor_notes,
+            *stop_notes(hand.stops, hand.transmission),
             *self._object_notes(),
         ]
         if self._gap.share > WORTH_SAYING:

@@ -14,8 +14,6 @@ from graspforce._util.arrays import Array, came
 from graspforce.errors import InvalidInputError, ModelImportError, warn
 from graspforce.hands.configuration import (
     choose_motors,
-    friction_notes,
-    lock_notes,
     locking_rows,
     notes_of,
     warnings_of,
@@ -110,10 +108,7 @@ def from_mjcf(
     told = (chosen, configuration.transmission, configuration.dof_names)
     warnings = (*missing, *warnings_of(*told))
     warn(*warnings)
-    notes = (
-        *warnings, *notes_of(*told), *motor_notes, *lock_notes(locked),
-        *friction_notes(configuration.dof_names, model.dof_frictionloss[dofs]),
-    )  # fmt: skip
+    notes = (*warnings, *notes_of(*told, locked, model.dof_frictionloss[dofs]), *motor_notes)
     return ImportedHand(
         chosen.joint_names, robot.q_names, chosen.tau_lo, chosen.tau_hi, fingers, tips,
         tuple(tips.values()), notes, robot,

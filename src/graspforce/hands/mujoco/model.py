@@ -257,13 +257,12 @@ def _moment_arm(mj: Any, model: Any, tendon: int) -> float:
 
 def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
     """Return the drives' motions by joint motion, shape (n_drives, nv), at data's configuration."""
-    moments = np.zeros((model.nout, model.nv))
+    rows = np.eye(model.nout + model.nv, model.nv, -model.nout)  # the joints' below the motors'
     if model.nout:
         mujoco_module().mju_sparse2dense(
-            moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
+            rows[: model.nout], data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
             data.moment_colind,
         )  # fmt: skip
-    rows = np.vstack((moments, np.eye(model.nv)))
     gears = np.array([drive.gear for drive in each])
     return rows[[drive.output for drive in each]] / gears.reshape(-1, 1)
 

@@ -16,9 +16,7 @@ from graspforce.grasp_map import map_about
 from graspforce.hands.configuration import (
     as_names,
     choose_motors,
-    friction_notes,
     full_jacobian,
-    lock_notes,
     locking_rows,
     notes_of,
     undetermined_notes,
@@ -166,12 +164,8 @@ class PinocchioGrasp:
         )
         told = (self._motors, self._configuration.transmission, self._configuration.dof_names)
         warnings = (*warnings_of(*told), *said)
-        self._notes = (
-            *warnings, *notes_of(*told), *lock_notes(locked),
-            *friction_notes(
-                self._configuration.dof_names, model.upperDryFrictionLimit[self._dofs]
-            ),
-        )  # fmt: skip
+        friction = model.upperDryFrictionLimit[self._dofs]
+        self._notes = (*warnings, *notes_of(*told, locked, friction))
         unsaid = urdf is None and motors is None and len(model.mimicking_joints) == 0
         if unsaid and len(drives) > 1:
             self._notes += (

@@ -16,8 +16,6 @@ from graspforce.errors import ModelImportError, warn
 from graspforce.hands.configuration import (
     as_names,
     choose_motors,
-    friction_notes,
-    lock_notes,
     locking_rows,
     notes_of,
     warnings_of,
@@ -98,10 +96,7 @@ def from_urdf(
     told = (chosen, configuration.transmission, configuration.dof_names)
     warnings = warnings_of(*told)
     warn(*warnings)
-    notes = (
-        *warnings, *notes_of(*told), *lock_notes(locked),
-        *friction_notes(configuration.dof_names, model.upperDryFrictionLimit[dofs]),
-    )  # fmt: skip
+    notes = (*warnings, *notes_of(*told, locked, model.upperDryFrictionLimit[dofs]))
     return ImportedHand(
         chosen.joint_names, free, chosen.tau_lo, chosen.tau_hi, fingers, tips,
         tuple(tips.values()), notes, robot,

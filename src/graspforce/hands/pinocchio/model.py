@@ -57,21 +57,31 @@ def joint_drives(model: Any) -> list[JointDrive]:
     return found
 
 
-def joint_stops(model: Any, q: Array) -> Stops:
-    """Return the stops that joints of one degree of freedom lean on at q, shape (nq,)."""
-    joints = [
-        joint
-        for joint in range(1, model.njoints)
-        if int(model.nvs[joint]) == 1 and int(model.nqs[joint]) == 1
-    ]
-    at = [int(model.idx_qs[joint]) for joint in joints]
-    dofs = [int(model.idx_vs[joint]) for joint in joints]
-    ranges = np.column_stack((model.lowerPositionLimit[at], model.upperPositionLimit[at]))
-    turns = np.array([not _slides(model, joint) for joint in joints], dtype=bool)
-    found = ends(ranges, turns).leaning(
-        q[at], lambda: np.eye(model.nv)[dofs], lambda place: str(model.names[joints[place]])
-    )
-    return no_stops(model.nv) if found is None else found
+class StopReader:
+    """Finds the stops that a model's joints of one degree of freedom lean on."""
+
+    def __init__(self, model: Any) -> None:
+        """Look up where their ranges end."""
+        joints = [
+            joint
+            for joint in range(1, model.njoints)
+            if int(model.nvs[joint]) == 1 and int(model.nqs[joint]) == 1
+        ]
+        self._names = [str(model.names[joint]) for joint in joints]
+        self._at = [int(model.idx_qs[joint]) for joint in joints]
+        self._rows = np.eye(model.nv)[[int(model.idx_vs[joint]) for joint in joints]]
+        self._none = no_stops(model.nv)
+        self._ends = ends(
+            np.column_stack((
+                model.lowerPositionLimit[self._at], model.upperPositionLimit[self._at]
+            )),
+            np.array([not _slides(model, joint) for joint in joints], dtype=bool),
+        )  # fmt: skip
+
+    def read(self, q: Array) -> Stops:
+        """Return the stops that are leant on at q, shape (nq,)."""
+        found = self._ends.leaning(q[self._at], lambda: self._rows, self._names.__getitem__)
+        return self._none if found is None else found
 
 
 def _slides(model: Any, joint: int) -> bool:
@@ -137,7 +147,8 @@ class PinocchioConfiguration:
         self._model, self._frames, self._dofs = model, frames_of(model), dofs
         self._data = model.createData()
         self._rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
-        self._couplings, self._held, self._leans = couplings, held, leans
+        self._couplings, self._held = couplings, held
+        self._reader = StopReader(model) if leans else None
         self._stops: Stops | None = None
         self.update(q)
 
@@ -147,11 +158,9 @@ class PinocchioConfiguration:
         self._q = q
         pin.computeJointJacobians(self._model, self._data, q)
         pin.updateFramePlacements(self._model, self._data)
-        stops = no_stops(self._model.nv)
-        if self._leans:
-            stops = joint_stops(self._model, q)
+        stops = no_stops(self._model.nv) if self._reader is None else self._reader.read(q)
         stops = stops.on(dofs, self._held)
-        if self._stops is None or stops.names != self._stops.names:
+        if self._stops is None or not np.array_equal(stops.rows, self._stops.rows):
             self._stops = stops
             self.transmission: Transmission = transmission(
                 self._rows[:, dofs], np.vstack((self._couplings, self._held))[:, dofs], stops.rows
