@@ -74,15 +74,14 @@ def test_a_multiple_of_the_least_force_is_met_within_a_hundredth(times):
         assert abs(grip.least / truth - 1) < 0.005
         if grip.met:
             met += 1
-            assert abs(grip.largest_normal / truth / times - 1) <= 0.015
+            assert abs(grip.largest_normal / truth / times - 1) <= 0.01
             assert grip.solution.verify().ok
         else:
             assert "cannot be had" in grip.message
             firm = gf.solve(problem.replace(alpha=1e-4)).normal_forces.max()
             assert firm < 1.02 * times * truth
     assert met > 5
-    # Of the Allegro grasps alone 9, of random ones alone 11: benchmarks/results/answers.txt.
-    assert np.median(costs) <= 11
+    assert np.median(costs) <= 10
     assert max(costs) <= 25
 
 

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 
 from graspforce._engine.outcome import Start, Status
 from graspforce._engine.settings import Settings
-from graspforce.batch import Batch, BatchVerification, iterate_many, solve_batch, solve_many
 from graspforce.certificate import Certificate, check_certificate
 from graspforce.contact import FPC, PCWF, SFC, Contact, suction_cup
 from graspforce.errors import (
@@ -37,7 +36,6 @@ from graspforce.errors import (
 from graspforce.grasp import Grasp
 from graspforce.grasp_map import grasp_map
 from graspforce.problem import ForceProblem
-from graspforce.sensitivity import Sensitivity, sensitivity
 from graspforce.servo import Servo
 from graspforce.solution import (
     InfeasibleGraspError,
@@ -66,6 +64,8 @@ if TYPE_CHECKING:
     from graspforce import warp as warp
     from graspforce.answers import firmness, payload, robust
     from graspforce.answers.diagnosis import diagnose
+    from graspforce.batch import Batch, BatchVerification, iterate_many, solve_batch, solve_many
+    from graspforce.derivatives import Sensitivity, sensitivity
     from graspforce.study import figures
 
 __version__: str
@@ -141,15 +141,23 @@ _LAZY = {
     )
 } | {"figures": "graspforce.study.figures"}
 _LAZY |= {name: f"graspforce.answers.{name}" for name in ("firmness", "payload", "robust")}
+_LAZY_NAMES = {
+    "Batch": "graspforce.batch",
+    "BatchVerification": "graspforce.batch",
+    "Sensitivity": "graspforce.derivatives",
+    "diagnose": "graspforce.answers.diagnosis",
+    "iterate_many": "graspforce.batch",
+    "sensitivity": "graspforce.derivatives",
+    "solve_batch": "graspforce.batch",
+    "solve_many": "graspforce.batch",
+}
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return importlib.import_module(_LAZY[name])
-    if name == "diagnose":
-        from graspforce.answers.diagnosis import diagnose
-
-        return diagnose
+    if name in _LAZY_NAMES:
+        return getattr(importlib.import_module(_LAZY_NAMES[name]), name)
     if name == "__version__":
         from importlib.metadata import version  # as heavy as everything else together
 

@@ -12,9 +12,9 @@ from graspforce._engine.settings import Settings
 from graspforce._util.arrays import Array, require_keywords
 from graspforce.batch import BatchProblems, solve_batch
 from graspforce.contact import ContactModel, model_of, models_for
+from graspforce.derivatives import Sensitivity
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ProblemOptions
-from graspforce.sensitivity import Sensitivity
 
 
 def axes_of(name: str) -> int:

@@ -46,7 +46,8 @@ def friction_margins(solution: Solution) -> Array:
     if not (asked[there] > 0).all():
         raise InvalidInputError("solution: got forces outside the cones, expected a SOLVED one")
     workspace_type = load("clarabel")
-    c = solution.c[kept]
+    _, forces = solution.without_pulls()
+    c = forces[: problem.m][kept]
     rows = _independent(np.vstack((problem.W[:, kept], problem.J[kept].T)))
     inner = problem.restricted()
     dims, unit = inner.layout.dims, float(np.abs(c).max(initial=0.0)) or 1.0

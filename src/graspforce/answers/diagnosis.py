@@ -166,8 +166,8 @@ def diagnose(
             binding, helps = _tight(solution, tips, axes), remedies(solution, tips)
         case Status.WRENCH_UNREACHABLE:
             W, f = asked.equalities
-            c_p, _ = equations.particular_and_nullspace(W[:, asked.active_components], f)
-            left = f - W[:, asked.active_components] @ c_p
+            W = W[:, asked.active_forces]
+            left = f - W @ equations.particular_and_nullspace(W, f)[0]
             left = np.where(np.abs(left) > 1e-9 * np.abs(left).max(), left, 0.0)  # but rounding
             binding, missing = (), tuple(left.tolist())
         case Status.UNBOUNDED:
@@ -217,12 +217,12 @@ def _in_conflict(
     solution: Solution, tips: tuple[str, ...], axes: tuple[str, ...]
 ) -> tuple[Binding, ...]:
     """Return the limits by their weight in the certificate."""
-    problem, certificate = solution.problem, solution.certificate
+    problem, certificate = solution.problem.without_pulls(), solution.certificate
     assert certificate is not None
     A, _ = problem.linear_limits()
     of_rows, of_cones = problem.violation_scales()
     # In the unit of force of its cone, a contact's part of the multipliers is e_n/mu.
-    e = (A.T @ certificate.z - problem.W.T @ certificate.y)[problem.starts[:-1]]
+    e = A.T[problem.starts[:-1]] @ certificate.z - problem.W.T[problem.starts[:-1]] @ certificate.y
     cones = np.where(problem.active, e / problem.mu * of_cones, 0.0)
     weights = np.concatenate((certificate.z * of_rows, np.maximum(cones, 0.0)))
     words = {1: "that {} cannot pull"}
@@ -235,10 +235,11 @@ def _in_conflict(
 
 def _tight(solution: Solution, tips: tuple[str, ...], axes: tuple[str, ...]) -> tuple[Binding, ...]:
     """Return the limits of which less than a tenth is left."""
-    problem = solution.problem
+    problem, forces = solution.without_pulls()
     A, b = problem.linear_limits()
     of_rows, _ = problem.violation_scales()
-    left = np.concatenate(((b - A @ solution.c) / of_rows, slip_reserves(problem, solution.c)))
+    slips = slip_reserves(solution.problem, solution.c)
+    left = np.concatenate(((b - A @ forces) / of_rows, slips))
     named = _rows(problem, tips, axes) + [
         Binding("friction", i, f"the friction of {tip}", 0.0) for i, tip in enumerate(tips)
     ]

@@ -142,8 +142,9 @@ def lower_bound(
     """
     problem = solution.problem
     if solution.status is Status.SOLVED:
-        A, b = problem.linear_limits()
-        certificate = Certificate(solution.nu, problem.alpha / (b - A @ solution.c))
+        ordinary, forces = solution.without_pulls()
+        A, b = ordinary.linear_limits()
+        certificate = Certificate(solution.nu, problem.alpha / (b - A @ forces))
     elif solution.certificate is not None:
         certificate = solution.certificate
     else:

@@ -146,10 +146,14 @@ def ball(problem: ForceProblem, length: float | None = None, rtol: float = 0.01)
         The bounds; both 0 where f itself cannot be held, or W does not reach all wrenches.
 
     Raises:
-        InvalidInputError: an argument of a wrong kind, another number of rows.
+        InvalidInputError: an argument of a wrong kind, another number of rows; contacts that pull
+            or internal forces of motors.
         MissingExtraError: SciPy is not installed.
     """
     require_instance(problem, "problem", ForceProblem)
+    if problem.layout.pulls or problem.layout.internals:
+        what = "contacts that pull" if problem.layout.pulls else "internal forces of motors"
+        raise InvalidInputError(f"problem: got {what}, expected none; payload.along takes them")
     k = len(problem.f)
     share, scaling, lever = _share(rtol), *_scaling(problem.W, length)
     here = solve(problem)

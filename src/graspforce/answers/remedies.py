@@ -204,6 +204,8 @@ def _support(given: Solution) -> Iterator[Remedy]:
         changes["engagement"] = np.append(problem.engagement, 1.0)
     if layout.floors:
         changes["c_min"] = np.append(problem.c_min, 0.0)
+    if layout.cone_weights:
+        changes["cone_weight"] = np.append(problem.cone_weight, 1.0)
     if layout.rate_limits:
         changes["c_last"] = np.append(problem.c_last, np.zeros(4))
         changes["dc_max"] = np.append(problem.dc_max, np.full(4, 1e6 * size))

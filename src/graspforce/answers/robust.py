@@ -78,7 +78,8 @@ def tighten(
 
     Raises:
         InvalidInputError: an argument of the wrong shape or range; a normal's angle as large as the
-            friction angle; a wrench that the contacts cannot make.
+            friction angle; a wrench that the contacts cannot make; contacts that pull with anything
+            but friction, internal forces of motors with point or wrench.
     """
     require_instance(problem, "problem", ForceProblem)
     n, k, dims = problem.n, len(problem.f), problem.layout.dims
@@ -100,6 +101,15 @@ def tighten(
     gamma = gamma * np.sqrt(narrowed / mu)
     radius = _each(point, "point", n)
     axes = _axes(wrench, problem)
+    if problem.layout.pulls and (axes is not None or radius.any() or angle.any()):
+        raise InvalidInputError(
+            "problem: got contacts that pull, expected none with normal, point or wrench: only "
+            "friction is known to be bounded with them"
+        )
+    if problem.layout.internals and (axes is not None or radius.any()):
+        raise InvalidInputError(
+            "problem: got internal forces of motors, expected none with point or wrench"
+        )
     changes: dict[str, Any] = {}
     if axes is not None or radius.any():
         rows, bounds = _room(
@@ -109,7 +119,8 @@ def tighten(
         changes["b"] = np.append(problem.b, bounds)
         narrowed = np.where(rubs, (1 - _FOR_RESPONSE) * narrowed, narrowed)
         gamma = np.where(rubs, (1 - _FOR_RESPONSE) * gamma, gamma)
-    models = [model_of(*each) for each in zip(dims, narrowed.tolist(), gamma.tolist(), strict=True)]
+    numbers = narrowed.tolist(), gamma.tolist(), [model.pull for model in problem.models]
+    models = [model_of(*each) for each in zip(dims, *numbers, strict=True)]
     return problem.replace(models=models, **changes)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from graspforce._util.arrays import Array, as_array, as_positive
 from graspforce.contact import ContactModel, model_of
+from graspforce.equations import friction_margins
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 
@@ -102,7 +103,8 @@ def ceilings_at(problem: ForceProblem, force: float) -> Array:
 def with_friction(problem: ForceProblem, factor: float) -> tuple[ContactModel, ...]:
     """Return the contact models with all coefficients of friction times a factor."""
     return tuple(
-        model_of(model.dim, factor * model.mu, factor * model.gamma) for model in problem.models
+        model_of(model.dim, factor * model.mu, factor * model.gamma, model.pull)
+        for model in problem.models
     )
 
 
@@ -111,12 +113,11 @@ def slip_reserves(problem: ForceProblem, c: Array) -> Array:
 
     1 for a contact without tangential force; inf for one without friction or out of the grasp.
     """
-    from graspforce.equations import friction_margins
-
-    hold = problem.mu * c[problem.starts[:-1]]
+    loaded = c + problem.preload[: problem.m]
+    hold = problem.mu * loaded[problem.starts[:-1]]
     rubs = problem.active & (np.array(problem.layout.dims) > 1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(rubs, friction_margins(c, problem.cones) / hold, math.inf)
+        return np.where(rubs, friction_margins(loaded, problem.cones) / hold, math.inf)
 
 
 def torque_reserves(problem: ForceProblem, tau: Array) -> Array:

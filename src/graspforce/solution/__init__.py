@@ -204,10 +204,20 @@ class Solution(native.SolutionBase):
     @property
     def phi(self) -> float:
         """The objective at c: Phi of Eq. (16), and ½‖(W c − f)/f_soft‖² with it; inf outside."""
-        problem = self.problem
-        inner = problem.without_pulls().restricted()
-        forces = np.append(self.c, self.internal_forces) + problem.preload
+        problem, forces = self.without_pulls()
+        inner = problem.restricted()
         return float(equations.objective(forces[problem.active_forces], inner.barriers))
+
+    def without_pulls(self) -> tuple[ForceProblem, Array]:
+        """Return the problem whose cones are all ordinary, and its forces: what proofs speak of.
+
+        Returns:
+            The problem :meth:`graspforce.ForceProblem.without_pulls`, and c with its preload, the
+            internal forces of the motors behind it, shape (m + r,).
+        """
+        problem = self.problem
+        forces = np.append(self.c, self.internal_forces) + problem.preload
+        return problem.without_pulls(), forces
 
     @property
     def tau(self) -> Array:

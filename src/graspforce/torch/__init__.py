@@ -2,7 +2,7 @@
 
 ``graspforce.torch.solve`` is row by row what :func:`graspforce.solve` is, on the CPU. Tensors of
 float64 are read where they stand; float32 is computed in float64 and comes back as float32. The
-gradient by every tensor that requires one is exact (:mod:`graspforce.sensitivity`); where a row is
+gradient by every tensor that requires one is exact (:func:`graspforce.sensitivity`); where a row is
 not SOLVED it is zero. There is no second derivative.
 
 Needs PyTorch: ``pip install 'graspforce[torch]'``.
