@@ -20,6 +20,7 @@ struct Rows {
   std::vector<double> c, nu, decrement, violation;
   std::vector<int> status, newton_steps, starts;
   std::vector<BatchProof> proofs;
+  bool share_limits = false;  // all rows are read with the first's numbers but for W, f and J
 
   std::size_t line() const { return Offsets(layout).size; }
   std::size_t forces() const { return force_count(layout); }
@@ -39,6 +40,13 @@ struct Rows {
 #define GRASPFORCE_COLUMN(name, ...) rows.fields.name = {packed.data() + at.name, step};
     GRASPFORCE_FIELDS(GRASPFORCE_COLUMN)
 #undef GRASPFORCE_COLUMN
+    if (share_limits) {
+      const std::ptrdiff_t own[] = {rows.fields.W.step, rows.fields.f.step, rows.fields.J.step};
+#define GRASPFORCE_SHARE(name, ...) rows.fields.name.step = 0;
+      GRASPFORCE_FIELDS(GRASPFORCE_SHARE)
+#undef GRASPFORCE_SHARE
+      rows.fields.W.step = own[0], rows.fields.f.step = own[1], rows.fields.J.step = own[2];
+    }
     if (!start.empty()) rows.start = {start.data(), std::ptrdiff_t(forces())};
     const BatchAnswers answers{
         c.data(),      nu.data(),        status.data(),   newton_steps.data(),
@@ -132,6 +140,43 @@ void rows_are_solved_as_the_engine_does() {
   EXPECT(solved > 2000);
 }
 
+// Limits that all rows share, joint by joint others, where joints go from finger to finger.
+void rows_may_share_their_limits() {
+  Random random(5);
+  Layout layout;
+  layout.models.assign(4, Model::PCWF);
+  layout.joints = 12;
+  layout.ceilings = true;
+  const RandomGrasp limits(random, layout);
+  Rows rows;
+  rows.layout = layout;
+  rows.share_limits = true;
+  for (int i = 0; i < 500; ++i) {
+    RandomGrasp grasp(random, layout);
+    for (int j = 0; j < layout.joints; ++j) {
+      grasp.data.tau_lo[j] = -0.05 * (1 + j * j);
+      grasp.data.tau_hi[j] = 0.1 * (1 + j);
+    }
+    for (int j = 0; j < layout.joints && random.chance(0.3); ++j) {
+      const int other = random.below(layout.joints);
+      for (int c = 0; c < layout.components(); ++c)
+        std::swap(grasp.data.J(c, j), grasp.data.J(c, other));
+    }
+    for (int k = 0; k < layout.contacts(); ++k) {
+      grasp.data.mu[k] = limits.data.mu[k];
+      grasp.data.c_max[k] = limits.data.c_max[k];
+    }
+    grasp.data.alpha = 10;
+    grasp.wish(random, random.chance(0.1) ? 20 : random.uniform(0, 0.3));
+    rows.packed.insert(rows.packed.end(), grasp.data.packed(),
+                       grasp.data.packed() + grasp.data.packed_size());
+  }
+  int solved = 0;
+  rows.solve(1);
+  agree_with_engine(rows, solved);
+  EXPECT(solved > 200);
+}
+
 // Bit for bit, whatever the number of threads, the order and the neighbours.
 void a_row_depends_on_itself_alone() {
   Random random(2);
@@ -213,6 +258,7 @@ void a_batch_stops() {
 
 int main() {
   rows_are_solved_as_the_engine_does();
+  rows_may_share_their_limits();
   a_row_depends_on_itself_alone();
   settings_hold_for_each_row();
   a_batch_stops();
