@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "expect.hpp"
+#include "graspforce/batch_derivatives.hpp"
 #include "random_grasp.hpp"
 
 using namespace graspforce;
@@ -31,10 +32,20 @@ struct Rows {
     c.assign(B * forces(), -1), nu.assign(B * k, -1), decrement.assign(B, -1),
         violation.assign(B, -1);
     status.assign(B, -1), newton_steps.assign(B, -1), starts.assign(B, -1);
+    const BatchRows rows = columns(settings);
+    const BatchAnswers answers{
+        c.data(),      nu.data(),        status.data(),   newton_steps.data(),
+        starts.data(), decrement.data(), violation.data()};
+    const auto found = solve_batch(rows, answers, threads, [] { return true; });
+    EXPECT(found.has_value());
+    proofs = *found;
+  }
+
+  BatchRows columns(Settings settings = {}) const {
     BatchRows rows;
     rows.layout = layout;
     rows.settings = settings;
-    rows.count = std::ptrdiff_t(B);
+    rows.count = std::ptrdiff_t(count());
     const Offsets at(layout);
     const std::ptrdiff_t step = std::ptrdiff_t(line());
 #define GRASPFORCE_COLUMN(name, ...) rows.fields.name = {packed.data() + at.name, step};
@@ -48,12 +59,7 @@ struct Rows {
       rows.fields.W.step = own[0], rows.fields.f.step = own[1], rows.fields.J.step = own[2];
     }
     if (!start.empty()) rows.start = {start.data(), std::ptrdiff_t(forces())};
-    const BatchAnswers answers{
-        c.data(),      nu.data(),        status.data(),   newton_steps.data(),
-        starts.data(), decrement.data(), violation.data()};
-    const auto found = solve_batch(rows, answers, threads, [] { return true; });
-    EXPECT(found.has_value());
-    proofs = *found;
+    return rows;
   }
 };
 
@@ -207,6 +213,48 @@ void a_row_depends_on_itself_alone() {
   }
 }
 
+// The KKT systems of a batch have the solutions that the factor of each row has, and rows without
+// an answer zeros.
+void kkt_systems_are_solved_as_by_the_factor() {
+  Random random(6);
+  for (int trial = 0; trial < 20; ++trial) {
+    Rows rows = random_rows(random, random_layout(random, 9), 100);
+    rows.solve(1);
+    const std::size_t forces = rows.forces(), m = rows.layout.components();
+    const std::size_t line = m + rows.layout.wrench_rows;
+    std::vector<double> sides(rows.count() * line);
+    for (std::size_t i = 0; i < sides.size(); ++i)
+      sides[i] = i % line < m ? random.normal() : 0;  // in the range of any W
+    std::vector<double> x = sides;
+    const std::unique_ptr<bool[]> wanted(new bool[rows.count()]);
+    for (std::size_t i = 0; i < rows.count(); ++i)
+      wanted[i] = rows.status[i] == int(Status::Solved);
+    const BatchRows columns = rows.columns();
+    const BatchOptima optima{rows.c.data(), rows.nu.data(), wanted.get()};
+    EXPECT(solve_batch_kkt(columns, optima, x.data(), 2, [] { return true; }));
+    Factor factor(rows.layout);
+    for (std::size_t i = 0; i < rows.count(); ++i) {
+      double* const own = sides.data() + i * line;
+      const double* const found = x.data() + i * line;
+      if (!wanted[i]) {
+        EXPECT(std::count(found, found + line, 0.0) == std::ptrdiff_t(line));
+        continue;
+      }
+      factor.forget();
+      EXPECT(factor.at(rows.packed.data() + i * rows.line(), rows.c.data() + i * forces));
+      factor.solve(own, 1);
+      for (auto [first, last] : {std::pair(std::size_t(0), m), std::pair(m, line)}) {
+        double largest = 0, off = 0;
+        for (std::size_t j = first; j < last; ++j) {
+          largest = std::max(largest, std::abs(own[j]));
+          off = std::max(off, std::abs(own[j] - found[j]));
+        }
+        EXPECT(off <= 1e-9 * largest);
+      }
+    }
+  }
+}
+
 // A limit on the steps and a tighter tolerance are those of each row.
 void settings_hold_for_each_row() {
   Random random(3);
@@ -260,6 +308,7 @@ int main() {
   rows_are_solved_as_the_engine_does();
   rows_may_share_their_limits();
   a_row_depends_on_itself_alone();
+  kkt_systems_are_solved_as_by_the_factor();
   settings_hold_for_each_row();
   a_batch_stops();
   return verdict("batch");

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <vector>
 
 #include "graspforce/answer.hpp"
@@ -78,6 +79,40 @@ class BatchLanes {
     }
   }
 
+  // Solves the KKT systems of factor.hpp for the rows from `begin` to `end` that are wanted, in
+  // place for a right-hand side (g, r) a row; forces c, wanted and x begin with the first row's.
+  // Rows that are not for the lanes, those close to their limits among them, go to hand_back(row).
+  template <class HandBack>
+  void solve_kkt(std::ptrdiff_t begin, std::ptrdiff_t end, const double* c, const bool* wanted,
+                 double* x, HandBack hand_back) {
+    const std::ptrdiff_t m = layout_.components(), line = m + layout_.wrench_rows;
+    stepped_ = 0;
+    for (std::ptrdiff_t first = begin; first < end; first += kLanes) {
+      Bits used = 0;
+      for (int l = 0; l < kLanes && first + l < end; ++l)
+        if (wanted[first + l - begin] && load(l, rows_.problem(first + l))) {
+          set_forces(l, c + (first + l - begin) * m);
+          used |= 1u << l;
+        }
+      evaluate();
+      used &= inside_;
+      V diagonal[kMostContacts][Q];
+      for (int i = 0; i < layout_.contacts(); ++i)
+        for (int d = 0; d < Q; ++d) diagonal[i][d] = groups_[i].H[lane_ldl::at(d, d)];
+      each(used, [&](int l) { set_sides(l, x + (first + l - begin) * line); });
+      newton();
+      V stretch = stretch_;
+      for (int i = 0; i < layout_.contacts(); ++i)
+        for (int d = 0; d < Q; ++d) stretch = max(stretch, diagonal[i][d] * groups_[i].inverse[d]);
+      used &= bits_of((stretch < kMostStretch) & (lambda_ < kInfinity));
+      for (int l = 0; l < kLanes && first + l < end; ++l)
+        if ((used >> l & 1u) != 0)
+          get_solution(l, x + (first + l - begin) * line);
+        else
+          hand_back(first + l);
+    }
+  }
+
   // What a lane has come to.
   struct Answer {
     const BatchLanes& lanes;
@@ -112,6 +147,8 @@ class BatchLanes {
   static constexpr int kMostContacts = 8;
   static constexpr int kNone = -1;
   static constexpr int kLower = Group::kLower;
+  // Diagonal entry beside its pivot up to which a KKT system is solved to 1e-11 or so.
+  static constexpr double kMostStretch = 1e4;
 
   // Calls work(lane) for lanes in turn.
   template <class Work>
@@ -278,6 +315,22 @@ class BatchLanes {
       for (int d = 0; d < Q; ++d) groups_[i].c[d][l] = d < dims_[i] ? *c++ : 0;
   }
 
+  // The sides of a KKT system in a lane, as those of a step from c = 0 with the gradient −g that
+  // makes up for r. H is that of Phi over its unit, and so are g and ν.
+  void set_sides(int l, const double* side) {
+    for (int i = 0; i < layout_.contacts(); ++i)
+      for (int d = 0; d < Q; ++d) {
+        groups_[i].c[d][l] = 0;
+        groups_[i].g[d][l] = d < dims_[i] ? -cone_weight_[l] * *side++ : 0;
+      }
+    for (int r = 0; r < layout_.wrench_rows; ++r) f_[r][l] = side[r];
+  }
+  void get_solution(int l, double* x) const {
+    for (int i = 0; i < layout_.contacts(); ++i)
+      for (int d = 0; d < dims_[i]; ++d) *x++ = groups_[i].d[d][l];
+    for (int r = 0; r < layout_.wrench_rows; ++r) x[r] = -nu_[r][l] * inverse_cone_weight_[l];
+  }
+
   // Pure pushes in a lane; see LaneBarrier::set_pushes.
   void set_pushes(int l) {
     double reach[kMostContacts], known = 0;
@@ -439,7 +492,8 @@ class BatchLanes {
   template <class HandBack>
   void step(HandBack hand_back) {
     newton();
-    const Bits useless = bits_of(~(lambda_ < kInfinity)) | (fresh_ & ~sound_);
+    const Bits useless =
+        bits_of(~(lambda_ < kInfinity)) | (fresh_ & ~bits_of(kSuspectPivot * stretch_ < 1));
     each((fresh_ | stepped_) & ~waiting_ & useless, [&](int l) { refuse(l, hand_back); });
     const Bits moving = (fresh_ | stepped_) & ~waiting_;
     each(moving, [&](int l) { ++steps_[l]; });
@@ -483,13 +537,11 @@ class BatchLanes {
     }
     std::copy_n(total.v, SumsOf<V>::kTriangle, S_);
     lane_ldl::factor<kWrench>(S_, inverse_S_);
-    Mask sound = {};
-    sound = ~sound;
+    stretch_ = V{};
     for (int r = 0; r < kWrench; ++r) {
-      sound &= kSuspectPivot * before[r] * inverse_S_[r] < 1;
+      stretch_ = max(stretch_, before[r] * inverse_S_[r]);
       nu_[r] = total.rhs(r);
     }
-    sound_ = bits_of(sound);
     lane_ldl::solve<kWrench>(S_, inverse_S_, nu_);
     V squared = {};
     for (std::size_t i = 0; i < groups_.size(); ++i) {
@@ -523,12 +575,38 @@ class BatchLanes {
   // are empty.
   Bits fresh_ = 0, stepped_ = 0;
   Bits waiting_ = 0;  // lanes whose point has changed since it was evaluated
-  Bits inside_ = 0, sound_ = 0;
+  Bits inside_ = 0;
   Mask balanced_ = {};
   V f_[kWrench] = {}, nu_[kWrench] = {}, largest_f_ = {};
   V cone_weight_ = splat<V>(1), limit_weight_ = splat<V>(1), inverse_cone_weight_ = splat<V>(1);
   V push_ = splat<V>(0.1), lambda_ = {}, bound_ = {}, taken_ = {};
+  V stretch_ = {};  // diagonal entries of S beside their pivots, the largest
   V S_[SumsOf<V>::kTriangle] = {}, inverse_S_[kWrench] = {};
+};
+
+// The lanes for a batch's layout, if there are any.
+class LanesFor {
+ public:
+  explicit LanesFor(const BatchRows& rows) {
+    if (!BatchLanes<3>::fits(rows.layout)) return;
+    const std::vector<Model>& models = rows.layout.models;
+    if (std::count(models.begin(), models.end(), Model::SFC) == 0)
+      three_ = std::make_unique<BatchLanes<3>>(rows);
+    else
+      four_ = std::make_unique<BatchLanes<4>>(rows);
+  }
+
+  // Calls work(lanes); false where there are none.
+  template <class Work>
+  bool use(Work work) {
+    if (three_ != nullptr) work(*three_);
+    if (four_ != nullptr) work(*four_);
+    return three_ != nullptr || four_ != nullptr;
+  }
+
+ private:
+  std::unique_ptr<BatchLanes<3>> three_;
+  std::unique_ptr<BatchLanes<4>> four_;
 };
 
 }  // namespace graspforce
