@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -9,16 +10,17 @@ from typing import Any
 from graspforce.errors import InvalidInputError
 from graspforce.hands.imported import ImportedHand
 from graspforce.hands.mujoco.hand import from_mjcf
-from graspforce.hands.mujoco.model import mujoco_module
 from graspforce.hands.pinocchio.hand import from_urdf
+
+# Held by the thread that computes with a hand, whose model is in one state at a time.
+IN_USE = threading.Lock()
 
 
 @lru_cache(maxsize=64)
 def hand_of(path: str, links: tuple[str, ...], tau_max: float | None) -> ImportedHand:
     """Return the hand in a file, with its contacts made by ``links``.
 
-    Gravity does not pull on the links of a hand from an MJCF file: how the hand stands in the world
-    is no part of a data set.
+    The links have no weight: how the hand stands in the world is no part of a data set.
 
     Raises:
         InvalidInputError: no link, or one that is not there.
@@ -30,7 +32,11 @@ def hand_of(path: str, links: tuple[str, ...], tau_max: float | None) -> Importe
         )
     tips = tuple(dict.fromkeys(links))
     if Path(path).suffix.lower() == ".urdf":
-        return from_urdf(path, tips, tau_max).touching(links)
-    model: Any = mujoco_module().MjModel.from_xml_path(path)
-    model.opt.gravity[:] = 0
-    return from_mjcf(model, tips, tau_max).touching(links)
+        hand = from_urdf(path, tips, tau_max)
+        robot: Any = hand.robot
+        robot.model.gravity.setZero()
+    else:
+        hand = from_mjcf(path, tips, tau_max)
+        robot = hand.robot
+        robot.model.opt.gravity[:] = 0
+    return hand.touching(links)

@@ -20,7 +20,7 @@ from graspforce.datasets.arrow import pa
 from graspforce.datasets.ragged import is_numeric, is_text
 from graspforce.datasets.recipe import Recipe, as_values
 from graspforce.datasets.schema import NUMBERS, RESULTS, TEXTS, ColumnInfo, choose_keys
-from graspforce.datasets.sources import SourceFile, find_files
+from graspforce.datasets.sources import SourceFile, find_files, fingerprint
 from graspforce.datasets.target import Counts, Part, Summary, UnfinishedError, parts_of
 from graspforce.datasets.work import Work
 from graspforce.errors import InvalidInputError
@@ -105,13 +105,15 @@ def solve_dataset(
     require_instance(settings, "settings", Settings)
     if settings.budget_us is not None or settings.backend != "native":
         raise InvalidInputError("settings: expected the native core without budget_us")
+    if hand is not None and not Path(hand).is_file():
+        raise InvalidInputError(f"hand: {hand} does not exist")
     files = find_files(source, None)
     shared = as_values(values)
     recipe = Recipe(
         keys=tuple(choose_keys((name for file in files for name in file.columns.names), keys)),
         values=shared, gravity=gravity, largest_normal=largest_normal, times_least=times_least,
         slip_reserve=slip_reserve, torque_reserve=torque_reserve,
-        sensitivities=tuple(sensitivities), hand=None if hand is None else str(hand),
+        sensitivities=tuple(sensitivities), hand=None if hand is None else os.path.abspath(hand),
         fingertips=tuple(fingertips or ()), tau_max=tau_max, tol=settings.tol,
         max_steps=settings.max_steps,
     )  # fmt: skip
@@ -200,10 +202,10 @@ def _check_columns(file: SourceFile, recipe: Recipe) -> None:
             require("fingertips", "a hand needs the links that make the contacts")
     if recipe.directions is not None:
         require("mass", "gravity needs it")
-        if "f" in there:
-            raise InvalidInputError(f"{file.path}: f: given beside gravity, which makes it of mass")
     if "mass" not in there:
         require("f", "expected f, or the object's mass")
+    elif "f" in there:
+        raise InvalidInputError(f"{file.path}: f: given beside mass, expected one or the other")
     if recipe.values.get("models") != "FPC":
         require("mu", "contacts have friction; models='FPC' have none")
     if recipe.torque_reserve is not None and recipe.hand is None:
@@ -228,8 +230,6 @@ def _schema(files: Sequence[SourceFile], recipe: Recipe) -> Any:
     """
     fields: list[Any] = []
     f_written = any("mass" in {*file.columns.names, *recipe.values} for file in files)
-    # A hand adds rows to W and f.
-    f_written |= recipe.hand is not None
     left_out = {
         "gravity_index": recipe.gravity is None,
         "gravity": not f_written,
@@ -277,11 +277,12 @@ def _key(name: str, files: Sequence[SourceFile]) -> Any:
 
 
 def _manifest(work: Work, rows_per_part: int, parts: int) -> dict[str, Any]:
+    hand = work.recipe.hand
     return {
         "graspforce": metadata.version("graspforce"),
         "rows_per_part": rows_per_part,
         "parts": parts,
-        "recipe": asdict(work.recipe),
+        "recipe": asdict(work.recipe) | {"hand": hand and fingerprint(Path(hand))},
         "source": {
             file.name: {"rows": file.rows, "fingerprint": file.fingerprint} for file in work.files
         },

@@ -62,6 +62,7 @@ class _Rows:
         fields: arguments of solve_batch but f.
         loads: f for each direction of gravity, each (k,) or (G, k).
         directions: of gravity in the axes of the contacts, each (3,) or (G, 3); where f is from it.
+        asked: what each load is in the axes of the contacts; a hand turns f and adds rows to it.
     """
 
     rows: NDArray[np.int64]
@@ -69,6 +70,7 @@ class _Rows:
     fields: dict[str, Any]
     loads: list[NDArray[Any]]
     directions: list[Array] | None
+    asked: list[NDArray[Any]]
 
 
 class PartSolver:
@@ -158,12 +160,13 @@ class PartSolver:
         }
         whole = len(places) == len(chunk.table) and self._recipe.gravity is None
         for name in self._recipe.keys:
-            if name not in chunk.table.column_names:
-                columns[name] = pa.nulls(len(places), self._schema.field(name).type)
-                continue
-            column = chunk.table[name]
-            columns[name] = column if whole else column.take(pa.array(places))
+            if name in chunk.table.column_names:
+                column = chunk.table[name]
+                columns[name] = column if whole else column.take(pa.array(places))
         columns |= {name: results[name] for name in results.column_names}
+        for name in self._schema.names:  # which other files of the source have
+            if name not in columns:
+                columns[name] = pa.nulls(len(places), self._schema.field(name).type)
         return pa.table([columns[name] for name in self._schema.names], self._schema.names).cast(
             self._schema
         )
@@ -205,7 +208,7 @@ class _Group:
         if "points" not in self._flat:
             yield self._of_matrices()
         elif self._recipe.hand is None:
-            yield self._of_geometry()
+            yield from self._of_geometry()
         else:
             yield from self._of_hand()
 
@@ -301,11 +304,13 @@ class _Group:
     def _of_matrices(self) -> _Rows:
         fields = self._fields() | {"W": self._column("W")}
         loads, directions = self._loads(None)
-        return _Rows(self._rows, self._models(), fields, loads, directions)
+        return _Rows(self._rows, self._models(), fields, loads, directions, loads)
 
-    def _of_geometry(self) -> _Rows:
+    def _of_geometry(self) -> Iterator[_Rows]:
         points, normals, tangents, origins = self._contact_geometry()
         good = self._without(frame_flaws(normals, tangents) | self._pose_flaws())
+        if not len(good):
+            return
         W = grasp_maps(self.kinds, *(each[good] for each in (points, normals, tangents, origins)))
         count = len(self._rows)
         fields = {
@@ -314,11 +319,11 @@ class _Group:
         }
         loads, directions = self._loads(good)
         rows = self._rows[good] if len(good) < count else self._rows
-        return _Rows(rows, self._models(), fields | {"W": W}, loads, directions)
+        yield _Rows(rows, self._models(), fields | {"W": W}, loads, directions, loads)
 
     def _of_hand(self) -> Iterator[_Rows]:
         """Yield rows whose J and limits a hand gives, row by row, together by their layouts."""
-        from graspforce.datasets.hand import hand_of
+        from graspforce.datasets.hand import IN_USE, hand_of
 
         points, normals, tangents, origins = self._contact_geometry()
         flaws = frame_flaws(normals, tangents) | self._pose_flaws()
@@ -338,23 +343,24 @@ class _Group:
         mu = self._each("mu", np.ones(self.sizes["n"]))
         gamma = self._each("gamma", np.ones(self.sizes["n"]))
         problems: dict[int, list[ForceProblem]] = {}
-        for place in good.tolist():
-            try:
-                models = [
-                    model_of(DIMS[kind], float(mu[place, i]), float(gamma[place, i]))
-                    for i, kind in enumerate(self.kinds)
-                ]
-                contacts = [
-                    Contact(points[place, i], normals[place, i], model, tangents[place, i])
-                    for i, model in enumerate(models)
-                ]
-                grasp = Grasp(contacts, hand, angles[place], origins[place])
-                own: Any = {name: value[place] for name, value in options.items()}
-                problems[place] = [
-                    grasp.problem(_turned(load, turns, place), **own) for load in loads
-                ]
-            except InvalidInputError as error:
-                self.rejects[int(self._rows[place])] = str(error)
+        with IN_USE:
+            for place in good.tolist():
+                try:
+                    models = [
+                        model_of(DIMS[kind], float(mu[place, i]), float(gamma[place, i]))
+                        for i, kind in enumerate(self.kinds)
+                    ]
+                    contacts = [
+                        Contact(points[place, i], normals[place, i], model, tangents[place, i])
+                        for i, model in enumerate(models)
+                    ]
+                    grasp = Grasp(contacts, hand, angles[place], origins[place])
+                    own: Any = {name: value[place] for name, value in options.items()}
+                    problems[place] = [
+                        grasp.problem(_turned(load, turns, place), **own) for load in loads
+                    ]
+                except InvalidInputError as error:
+                    self.rejects[int(self._rows[place])] = str(error)
         same: defaultdict[Any, list[int]] = defaultdict(list)
         for place, each in problems.items():
             same[tuple(problem.layout for problem in each)].append(place)
@@ -363,11 +369,15 @@ class _Group:
                 np.array([problems[i][d].packed for i in places]) for d in range(len(layouts))
             ]
             views = [layout.views(rows) for layout, rows in zip(layouts, packed, strict=True)]
-            fields = {name: view for name, view in views[0].items() if view.size and name != "f"}
-            shown = directions and [each[places] if each.ndim > 1 else each for each in directions]
+            left_out = ("f",) if layouts[0].ceilings else ("f", "engagement")
+            fields = {
+                name: view for name, view in views[0].items() if view.size and name not in left_out
+            }
+            shown = directions and [_some(each, places) for each in directions]
             yield _Rows(
-                self._rows[places], self._models(), fields, [each["f"] for each in views], shown
-            )
+                self._rows[places], self._models(), fields, [each["f"] for each in views], shown,
+                [_some(each, places) for each in loads],
+            )  # fmt: skip
 
     def _contact_geometry(self) -> tuple[Array, Array, Array, Array]:
         normals = self._each("normals")
@@ -414,8 +424,6 @@ class _Group:
             return [load if good is None or load.ndim == 1 else load[good]], None
         if self.sizes["k"] != 6:
             raise InvalidInputError(f"mass: W has {self.sizes['k']} rows, expected 6 with a mass")
-        if "f" in self._flat:
-            raise InvalidInputError("f: given beside mass, expected one or the other")
         mass = self._each("mass")
         if good is not None:
             mass = mass[good]
@@ -440,6 +448,10 @@ class _Group:
         return [down if good is None else down[good]]
 
 
+def _some(rows: NDArray[Any], places: list[int]) -> NDArray[Any]:
+    return rows[places] if rows.ndim > 1 else rows
+
+
 def _turned(load: NDArray[Any], turns: Array, place: int) -> Array:
     """Return a row's wrench in the axes of its hand."""
     own = load if load.ndim == 1 else load[place]
@@ -458,8 +470,8 @@ class _Answers:
         threads: int,
     ) -> None:
         self._recipe, self._ready = recipe, ready
-        self._load = np.array(np.broadcast_to(load, (len(ready.rows), load.shape[-1])), dtype=float)
-        given = ready.fields | {"f": self._load}
+        spread = np.broadcast_to(load, (len(ready.rows), load.shape[-1]))
+        given = ready.fields | {"f": np.ascontiguousarray(spread)}
         wished = _with_wishes(recipe, ready, given)
         hard = solve_batch(models=ready.models, settings=settings, threads=threads, **wished)
         self._hard = hard
@@ -518,7 +530,8 @@ class _Answers:
         if directions is not None:
             spread = np.broadcast_to(directions[index], (count, 3))
             columns["gravity"] = as_lists(rows(spread))
-        columns["f"] = as_lists(rows(self._load))
+            asked = np.broadcast_to(self._ready.asked[index], (count, 6))
+            columns["f"] = as_lists(rows(asked))
         if self._recipe.sensitivities:
             derivatives = sensitivity(self._hard)
             for name in self._recipe.sensitivities:

@@ -152,10 +152,11 @@ def _source_file(path: Path, name: str, layout: str | None) -> SourceFile:
         if equals and key not in columns.names:
             partition[key] = None if value == _NULL_PARTITION else unquote(value)
             columns = columns.append(pa.field(key, pa.string()))
-    return SourceFile(path, name, rows, columns, partition, _fingerprint(path), kind)
+    return SourceFile(path, name, rows, columns, partition, fingerprint(path), kind)
 
 
-def _fingerprint(path: Path) -> str:
+def fingerprint(path: Path) -> str:
+    """Return a text that another content of the file has not: of its size and its ends."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         size = file.seek(0, os.SEEK_END)
