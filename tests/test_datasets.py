@@ -506,3 +506,21 @@ def test_without_pyarrow_the_error_names_the_pip_line():
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "MissingExtraError: graspforce.datasets needs pyarrow" in run.stderr
     assert "pip install 'pyarrow" in run.stderr
+
+
+def test_without_ray_the_error_names_the_pip_line(source, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(
+        gf.MissingExtraError, match=r"engine 'ray' needs ray.*pip install .*ray\[data"
+    ):
+        solve(source, tmp_path / "out", engine="ray")
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_runs_do_not_write_one_target(source, tmp_path):
+    def again(counts, total):
+        with pytest.raises(gf.InvalidInputError, match="another run is writing"):
+            solve(source, tmp_path / "out")
+
+    solve(source, tmp_path / "out", progress=again)
+    assert solve(source, tmp_path / "out").resumed == 5

@@ -164,6 +164,25 @@ def test_f_beside_mass_is_refused(contacts, tmp_path):
         gd.solve_dataset(source, tmp_path / "out", c_max=20)
 
 
+def test_wishes_hold_with_the_default_alpha_too(contacts, tmp_path):
+    rows = [row_of(each) | {"mass": 0.1} for each in contacts]
+    source = written(tmp_path / "a.jsonl", rows)
+    found = table_of(source, tmp_path / "out", c_max=20, slip_reserve=0.2).to_pylist()
+    problem = gf.Grasp(contacts[1]).problem(found[1]["f"], c_max=20)
+    grip = gf.firmness.choose(problem, slip_reserve=0.2)
+    assert found[1]["met"] == grip.met
+    np.testing.assert_allclose(found[1]["c"], grip.c, rtol=1e-6, atol=1e-7)
+
+
+def test_columns_that_need_each_other_reject_their_rows(contacts, tmp_path):
+    rows = [row_of(each) | {"mass": 0.1} for each in contacts[:2]]
+    rows[1]["dc_max"] = [1.0] * 16
+    source = written(tmp_path / "a.jsonl", rows)
+    gd.solve_dataset(source, tmp_path / "out", c_max=20)
+    assert "null" in rejects(tmp_path / "out")[0]
+    assert "c_last: missing" in rejects(tmp_path / "out")[1]
+
+
 # ---- hands -------------------------------------------------------------------------------------
 
 

@@ -49,6 +49,20 @@ def _as_row(part: Part, found: Counts | Failure) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def ray_module() -> Any:
+    """Return the module.
+
+    Raises:
+        MissingExtraError: Ray is not installed.
+    """
+    try:
+        import ray
+        import ray.data  # pyright: ignore[reportUnusedImport]
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("engine 'ray'", "ray", "ray") from error
+    return ray
+
+
 def run_parts(
     work: Work, parts: Sequence[Part], address: str | None, done: Callable[[Part, Counts], None]
 ) -> list[str]:
@@ -59,16 +73,8 @@ def run_parts(
         parts: in their order.
         address: of the cluster; None for one that is started here, or is running.
         done: called after each part.
-
-    Raises:
-        MissingExtraError: Ray is not installed.
     """
-    try:
-        import ray
-        import ray.data  # pyright: ignore[reportUnusedImport]
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("engine 'ray'", "ray", "ray") from error
-    module: Any = ray
+    module = ray_module()
     failures: list[str] = []
     with _running(module, address):
         cores = max(1, int(module.cluster_resources().get("CPU", 1)))

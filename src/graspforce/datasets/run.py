@@ -15,7 +15,7 @@ from graspforce._engine.layout import FIELDS
 from graspforce._engine.settings import DEFAULT, Settings
 from graspforce._util.arrays import as_integer, require_choice, require_instance
 from graspforce.batch import available_cores
-from graspforce.datasets import local
+from graspforce.datasets import local, on_ray
 from graspforce.datasets.arrow import pa
 from graspforce.datasets.ragged import is_numeric, is_text
 from graspforce.datasets.recipe import Recipe, as_values
@@ -97,6 +97,8 @@ def solve_dataset(
     """
     start = time.monotonic()
     require_choice(engine, "engine", ENGINES)
+    if engine == "ray":
+        on_ray.ray_module()
     size = as_integer(rows_per_part, "rows_per_part", 1)
     most = available_cores() if threads is None else as_integer(threads, "threads", 1)
     source, target = Path(os.path.abspath(source)), Path(target)
@@ -142,8 +144,6 @@ def solve_dataset(
                 progress(counts, total)
 
         if engine == "ray" and pending:
-            from graspforce.datasets import on_ray
-
             failures = on_ray.run_parts(work, pending, ray_address, done)
         else:
             failures = local.run_parts(work, pending, min(most, max(1, len(pending))), done)

@@ -108,22 +108,20 @@ class PartSolver:
         for rows in groups(numbers, list(texts.values()), len(table)):
             every = np.arange(len(table)) if rows is None else rows
             words = {name: str(text[every[0]]) for name, text in texts.items()}
+            solved: list[tuple[NDArray[np.int64], Any]] = []
             try:
                 group = _Group(self._recipe, numbers, words, rows, every)
-                ready = list(group.ready())
+                solved += [self._solve(one, rejects) for one in group.ready()]
             except InvalidInputError as error:
                 rejects |= dict.fromkeys(every.tolist(), str(error))
                 continue
             rejects |= group.rejects
-            for one in ready:
-                solved = self._solve(one, rejects)
-                if solved is not None:
-                    pieces.append(solved)
+            pieces += solved
         out = self._assembled(chunk, file, pieces)
         found = [(int(chunk.rows[place]), reason) for place, reason in rejects.items()]
         return out, sorted(chunk.rejects + found)
 
-    def _solve(self, ready: _Rows, rejects: dict[int, str]) -> tuple[NDArray[np.int64], Any] | None:
+    def _solve(self, ready: _Rows, rejects: dict[int, str]) -> tuple[NDArray[np.int64], Any]:
         """Return places and results of rows, d for each; rows that make no problem are rejected."""
         recipe, answers = self._recipe, list[_Answers]()
         invalid = np.zeros(len(ready.rows), dtype=bool)
@@ -134,8 +132,6 @@ class PartSolver:
             for place in np.flatnonzero(bad & ~invalid).tolist():
                 rejects[int(ready.rows[place])] = answer.batch.reason(place)
             invalid |= bad
-        if invalid.all():
-            return None
         keep = None if not invalid.any() else np.flatnonzero(~invalid)
         tables = [answer.table(index, self._schema, keep) for index, answer in enumerate(answers)]
         rows = ready.rows if keep is None else ready.rows[keep]
@@ -471,7 +467,9 @@ class _Answers:
     ) -> None:
         self._recipe, self._ready = recipe, ready
         spread = np.broadcast_to(load, (len(ready.rows), load.shape[-1]))
-        given = ready.fields | {"f": np.ascontiguousarray(spread)}
+        given = (
+            {"alpha": FIELDS["alpha"].default} | ready.fields | {"f": np.ascontiguousarray(spread)}
+        )
         wished = _with_wishes(recipe, ready, given)
         hard = solve_batch(models=ready.models, settings=settings, threads=threads, **wished)
         self._hard = hard
