@@ -290,6 +290,7 @@ def test_a_part_whose_rows_are_all_bad_is_done_too(problems, tmp_path):
         ({"muu": 0.5}, "did you mean 'mu'"),
         ({"w": 0.5}, "did you mean 'W'"),
         ({"normal": 0.5}, "did you mean 'normals'"),
+        ({"gravity_dir": 0.5}, "did you mean 'gravity_direction'"),
         ({"W": None}, "W: missing"),
         ({"f": None}, "f: missing; expected f, or the object's mass"),
         ({"mu": None}, "mu: missing"),
@@ -309,6 +310,13 @@ def test_wrong_columns_are_named_before_anything_is_done(changes, said, problems
         solve(path, tmp_path / "out")
     assert said in str(raised.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_keys_that_are_no_slips_are_carried_through(problems, tmp_path):
+    names = ("object", "object_code", "hand", "scale", "grasp_id", "name", "score", "fx")
+    columns = columns_of(problems[:4]) | {name: ["x"] * 4 for name in names}
+    solve(write_source(tmp_path / "grasps.parquet", columns), tmp_path / "out")
+    assert set(names) <= set(pq.read_table(tmp_path / "out").column_names)
 
 
 def test_keys_may_be_chosen(problems, tmp_path):

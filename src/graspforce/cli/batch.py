@@ -84,6 +84,16 @@ def batch(
     tau_max: Annotated[
         float | None, typer.Option(help="Torque limit of the hand's motors [N·m].")
     ] = None,
+    layout: Annotated[
+        str | None, typer.Option(help="Published layout of .npy files: dexgraspnet or bodex.")
+    ] = None,
+    meshes: Annotated[
+        str | None,
+        typer.Option(help="Folder of the objects' meshes, where contacts are not stored."),
+    ] = None,
+    contact_distance: Annotated[
+        float, typer.Option(help="How far a link may be from the mesh and touch it [m].")
+    ] = 0.005,
     tol: Annotated[float, typer.Option(help="Certified bound on decrement²/2 at the end.")] = 1e-9,
     rows_per_part: Annotated[
         int, typer.Option(help="Rows of the source in each file of the target.")
@@ -107,6 +117,7 @@ def batch(
             source, target, engine, keys=keys, gravity=gravity, largest_normal=largest_normal,
             times_least=times_least, slip_reserve=slip_reserve, torque_reserve=torque_reserve,
             sensitivities=sensitivities or (), hand=hand, fingertips=fingertips, tau_max=tau_max,
+            layout=layout, meshes=meshes, contact_distance=contact_distance,
             settings=Settings(tol=tol), rows_per_part=rows_per_part, threads=threads,
             ray_address=ray_address, progress=progress, **_values(values or []),
         )  # fmt: skip

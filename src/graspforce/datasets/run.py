@@ -13,14 +13,15 @@ from typing import Any
 
 from graspforce._engine.layout import FIELDS
 from graspforce._engine.settings import DEFAULT, Settings
-from graspforce._util.arrays import as_integer, require_choice, require_instance
+from graspforce._util.arrays import as_integer, as_positive, require_choice, require_instance
 from graspforce.batch import available_cores
 from graspforce.datasets import local, on_ray
 from graspforce.datasets.arrow import pa
+from graspforce.datasets.layouts import LAYOUTS, WHERE
 from graspforce.datasets.ragged import is_numeric, is_text
 from graspforce.datasets.recipe import Recipe, as_values
 from graspforce.datasets.schema import NUMBERS, RESULTS, TEXTS, ColumnInfo, choose_keys
-from graspforce.datasets.sources import SourceFile, find_files, fingerprint
+from graspforce.datasets.sources import Hints, SourceFile, find_files, fingerprint
 from graspforce.datasets.target import Counts, Part, Summary, UnfinishedError, parts_of
 from graspforce.datasets.work import Work
 from graspforce.errors import InvalidInputError
@@ -44,6 +45,9 @@ def solve_dataset(
     hand: str | Path | None = None,
     fingertips: Sequence[str] | None = None,
     tau_max: float | None = None,
+    layout: str | None = None,
+    meshes: str | Path | None = None,
+    contact_distance: float = 0.005,
     settings: Settings | None = None,
     rows_per_part: int = ROWS_PER_PART,
     threads: int | None = None,
@@ -77,6 +81,9 @@ def solve_dataset(
         hand: an MJCF or URDF file that gives J and torque limits of geometry with joint angles q.
         fingertips: its links that make the contacts; by default the column of this name.
         tau_max: torque limit of all its motors in place of the file's [N·m].
+        layout: of a published data set, "dexgraspnet" or "bodex", whose files end in .npy.
+        meshes: folder of the objects' meshes, where the layout stores no contacts.
+        contact_distance: how far a link may be from the mesh and touch it [m].
         settings: tolerance and step limit.
         rows_per_part: rows of the source in each file of the target; what is in memory a thread.
         threads: of the local engine; None for all cores that the process may use.
@@ -109,13 +116,23 @@ def solve_dataset(
         raise InvalidInputError("settings: expected the native core without budget_us")
     if hand is not None and not Path(hand).is_file():
         raise InvalidInputError(f"hand: {hand} does not exist")
-    files = find_files(source, None)
+    if layout is not None:
+        require_choice(layout, "layout", tuple(LAYOUTS))
+    hints = Hints(
+        None if hand is None else os.path.abspath(hand), tau_max,
+        None if meshes is None else os.path.abspath(meshes),
+        as_positive(contact_distance, "contact_distance", "m"),
+    )  # fmt: skip
+    files = find_files(source, layout, hints)
     shared = as_values(values)
+    chosen = choose_keys((name for file in files for name in file.columns.names), keys)
+    if layout is not None:  # what the forces act on is not in the source as it is used
+        chosen += [name for name in WHERE if name in files[0].columns.names and name not in chosen]
     recipe = Recipe(
-        keys=tuple(choose_keys((name for file in files for name in file.columns.names), keys)),
+        keys=tuple(chosen),
         values=shared, gravity=gravity, largest_normal=largest_normal, times_least=times_least,
         slip_reserve=slip_reserve, torque_reserve=torque_reserve,
-        sensitivities=tuple(sensitivities), hand=None if hand is None else os.path.abspath(hand),
+        sensitivities=tuple(sensitivities), hand=hints.hand,
         fingertips=tuple(fingertips or ()), tau_max=tau_max, tol=settings.tol,
         max_steps=settings.max_steps,
     )  # fmt: skip
@@ -281,6 +298,7 @@ def _manifest(work: Work, rows_per_part: int, parts: int) -> dict[str, Any]:
     return {
         "graspforce": metadata.version("graspforce"),
         "rows_per_part": rows_per_part,
+        "layout": [work.files[0].layout, work.files[0].hints.contact_distance],
         "parts": parts,
         "recipe": asdict(work.recipe) | {"hand": hand and fingerprint(Path(hand))},
         "source": {

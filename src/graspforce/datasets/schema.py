@@ -72,10 +72,11 @@ RESULTS = {
     "least": ColumnInfo((), "Least possible largest normal force, with times_least", "N"),
 }
 
-# How alike an unknown column and a known one are where the one is probably meant to be the other.
-_ALIKE = 0.72
+# How alike an unknown column and a known one are where the one is probably meant to be the other;
+# of short names one letter makes less alike.
+_ALIKE, _SHORT_ALIKE, _SHORT = 0.85, 0.72, 5
 # Names of keys that are no slips, however alike.
-_KEYS = ("id", "name", "object", "object_id", "pose", "grasp", "scale", "graspable", "fingers")
+_KEYS = ("id", "name", "object", "object_id", "pose", "fingers")
 
 
 def choose_keys(names: Iterable[str], wanted: Collection[str] | None) -> list[str]:
@@ -102,7 +103,7 @@ def choose_keys(names: Iterable[str], wanted: Collection[str] | None) -> list[st
     for name in unknown:
         if name in (wanted or ()) or name in _KEYS:
             continue
-        near = _nearest(name, KNOWN)
+        near = _slip_of(name)
         if near is not None:
             raise InvalidInputError(
                 f"column {name!r}: not part of the format; {_suggest(near)}name it in keys to have "
@@ -124,12 +125,21 @@ def require_column(name: str) -> None:
     """
     if name not in KNOWN:
         raise InvalidInputError(
-            f"{name}: no column of the format; {_suggest(_nearest(name, KNOWN, 0.5))}"
+            f"{name}: no column of the format; {_suggest(_nearest(name, KNOWN))}"
             f"expected one of {', '.join(KNOWN)}"
         )
 
 
-def _nearest(name: str, known: Iterable[str], alike: float = _ALIKE) -> str | None:
+def _slip_of(name: str) -> str | None:
+    """Return the column that a name is probably meant to be."""
+    if len(name) >= _SHORT:
+        for known in KNOWN:
+            if known.startswith(name.lower()):
+                return known
+    return _nearest(name, KNOWN, _ALIKE if len(name) > _SHORT else _SHORT_ALIKE)
+
+
+def _nearest(name: str, known: Iterable[str], alike: float = 0.5) -> str | None:
     lower = {each.lower(): each for each in reversed(list(known))}
     lower |= {each: each for each in lower.values()}
     found = difflib.get_close_matches(name, lower, 1, alike)

@@ -51,6 +51,23 @@ class Chunk:
     rejects: list[tuple[int, str]]
 
 
+@dataclass(frozen=True)
+class Hints:
+    """What a published layout leaves open; see :mod:`graspforce.datasets.layouts`.
+
+    Attributes:
+        hand: the file of the hand.
+        tau_max: torque limit of its motors, where the file has none [N·m].
+        meshes: folder of the objects' meshes.
+        contact_distance: how far a link may be from the object and touch it [m].
+    """
+
+    hand: str | None = None
+    tau_max: float | None = None
+    meshes: str | None = None
+    contact_distance: float = 0.005
+
+
 class Reader(Protocol):
     """An open file of rows."""
 
@@ -89,6 +106,7 @@ class SourceFile:
         partition: keys that its folders tell, as ``hand=allegro/``.
         fingerprint: of its size and ends.
         layout: how to read it: its ending, or the name of a published layout.
+        hints: what that leaves open.
     """
 
     path: Path
@@ -98,6 +116,7 @@ class SourceFile:
     partition: dict[str, str | None]
     fingerprint: str
     layout: str
+    hints: Hints
 
     def open(self) -> Reader:
         """Open it.
@@ -105,10 +124,10 @@ class SourceFile:
         Raises:
             InvalidInputError: it cannot be read.
         """
-        return _open(self.path, self.layout)
+        return _open(self.path, self.layout, self.hints)
 
 
-def find_files(source: str | Path, layout: str | None) -> list[SourceFile]:
+def find_files(source: Path, layout: str | None, hints: Hints) -> list[SourceFile]:
     """Return the files of a source, a file or a folder, in the order of their names.
 
     Files and folders whose names begin with a dot or an underscore are left alone.
@@ -116,7 +135,6 @@ def find_files(source: str | Path, layout: str | None) -> list[SourceFile]:
     Raises:
         InvalidInputError: nothing there, a file that cannot be read, no file that is one of rows.
     """
-    source = Path(source)
     endings = (".npy",) if layout is not None else tuple(READERS)
     if source.is_file():
         paths = [source]
@@ -133,18 +151,19 @@ def find_files(source: str | Path, layout: str | None) -> list[SourceFile]:
     if not paths:
         raise InvalidInputError(f"source: {source} holds no file ending in {', '.join(endings)}")
     if paths[0].suffix.lower() not in endings:
-        hint = "; name its layout" if paths[0].suffix.lower() == ".npy" else ""
+        bare = paths[0].suffix.lower() == ".npy"
+        hint = "; name its layout, bodex or dexgraspnet" if bare else ""
         raise InvalidInputError(
             f"source: got a file name ending in {paths[0].suffix!r}, expected one in "
             f"{', '.join(endings)}{hint}"
         )
     root = source if source.is_dir() else source.parent
-    return [_source_file(path, path.relative_to(root).as_posix(), layout) for path in paths]
+    return [_source_file(path, path.relative_to(root).as_posix(), layout, hints) for path in paths]
 
 
-def _source_file(path: Path, name: str, layout: str | None) -> SourceFile:
+def _source_file(path: Path, name: str, layout: str | None, hints: Hints) -> SourceFile:
     kind = layout or path.suffix.lower()
-    with closing(_open(path, kind)) as reader:
+    with closing(_open(path, kind, hints)) as reader:
         columns, rows = reader.schema, reader.rows
     partition: dict[str, str | None] = {}
     for folder in Path(name).parent.parts:
@@ -152,7 +171,7 @@ def _source_file(path: Path, name: str, layout: str | None) -> SourceFile:
         if equals and key not in columns.names:
             partition[key] = None if value == _NULL_PARTITION else unquote(value)
             columns = columns.append(pa.field(key, pa.string()))
-    return SourceFile(path, name, rows, columns, partition, fingerprint(path), kind)
+    return SourceFile(path, name, rows, columns, partition, fingerprint(path), kind, hints)
 
 
 def fingerprint(path: Path) -> str:
@@ -166,9 +185,13 @@ def fingerprint(path: Path) -> str:
     return f"{size}:{digest.hexdigest()[:32]}"
 
 
-def _open(path: Path, kind: str) -> Reader:
+def _open(path: Path, kind: str, hints: Hints) -> Reader:
     try:
-        return READERS[kind](path)
+        if kind in READERS:
+            return READERS[kind](path)
+        from graspforce.datasets.layouts import LAYOUTS
+
+        return LAYOUTS[kind](path, hints)
     except (OSError, pa.ArrowException, zipfile.BadZipFile, ValueError, EOFError) as error:
         if isinstance(error, InvalidInputError):
             raise InvalidInputError(f"{path}: {error}") from error
@@ -335,7 +358,7 @@ class _NpyStream:
     def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
         self._archive, self._name = archive, name
         with archive.open(name) as file:
-            self.shape, self._fortran, self.dtype = _npy_header(cast("BinaryIO", file))
+            self.shape, self._fortran, self.dtype = npy_header(cast("BinaryIO", file))
             self._offset = file.tell()
         if self.dtype.hasobject:
             raise InvalidInputError(f"{name}: it holds Python objects, which are never unpickled")
@@ -358,7 +381,7 @@ class _NpyStream:
         return np.frombuffer(data, self.dtype).reshape(shape)
 
 
-def _npy_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+def npy_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     """Return shape, whether in Fortran's order, and type of an array in NumPy's format."""
     version = np.lib.format.read_magic(file)
     read = (
