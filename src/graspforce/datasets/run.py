@@ -17,6 +17,7 @@ from graspforce._util.arrays import as_integer, as_positive, require_choice, req
 from graspforce.batch import available_cores
 from graspforce.datasets import local, on_ray
 from graspforce.datasets.arrow import pa
+from graspforce.datasets.hand import hand_of
 from graspforce.datasets.layouts import LAYOUTS, WHERE
 from graspforce.datasets.ragged import is_numeric, is_text
 from graspforce.datasets.recipe import Recipe, as_values
@@ -98,6 +99,7 @@ def solve_dataset(
 
     Raises:
         InvalidInputError: an argument, a column or the target is wrong; nothing was done.
+        ModelImportError: ``hand`` is no model of a hand; nothing was done.
         MissingExtraError: HDF5 without h5py, engine "ray" without Ray.
         UnfinishedError: it ended early, by a full disk, a file that cannot be read, or a lost
             worker; call it again with the same arguments.
@@ -114,8 +116,6 @@ def solve_dataset(
     require_instance(settings, "settings", Settings)
     if settings.budget_us is not None or settings.backend != "native":
         raise InvalidInputError("settings: expected the native core without budget_us")
-    if hand is not None and not Path(hand).is_file():
-        raise InvalidInputError(f"hand: {hand} does not exist")
     if layout is not None:
         require_choice(layout, "layout", tuple(LAYOUTS))
     hints = Hints(
@@ -123,6 +123,8 @@ def solve_dataset(
         None if meshes is None else os.path.abspath(meshes),
         as_positive(contact_distance, "contact_distance", "m"),
     )  # fmt: skip
+    if hints.hand is not None:
+        hand_of(hints.hand, None, tau_max)  # which refuses a file that is none
     files = find_files(source, layout, hints)
     shared = as_values(values)
     chosen = choose_keys((name for file in files for name in file.columns.names), keys)
