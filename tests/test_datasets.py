@@ -532,3 +532,11 @@ def test_two_runs_do_not_write_one_target(source, tmp_path):
 
     solve(source, tmp_path / "out", progress=again)
     assert solve(source, tmp_path / "out").resumed == 5
+
+
+def test_the_page_describes_every_column():
+    from graspforce.datasets.schema import KNOWN, RESULTS
+
+    page = (Path(__file__).parents[1] / "docs" / "datasets.md").read_text(encoding="utf-8")
+    tables = "".join(line for line in page.splitlines() if line.startswith("| `"))
+    assert [name for name in (*KNOWN, *RESULTS) if f"`{name}`" not in tables] == []
