@@ -51,7 +51,17 @@ def rows(table):
 # ---- help and version --------------------------------------------------------------------------
 
 
-COMMANDS = ("solve", "explain", "hand", "scenario", "simulate", "reproduce", "bench", "compare")
+COMMANDS = (
+    "solve",
+    "batch",
+    "explain",
+    "hand",
+    "scenario",
+    "simulate",
+    "reproduce",
+    "bench",
+    "compare",
+)
 
 
 @pytest.mark.parametrize("command", [[], *([each] for each in COMMANDS)])

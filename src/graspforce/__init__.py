@@ -61,6 +61,7 @@ if TYPE_CHECKING:
         soles,
         trajectory,
     )
+    from graspforce import datasets as datasets
     from graspforce import warp as warp
     from graspforce.answers import firmness, payload, robust
     from graspforce.answers.diagnosis import diagnose
@@ -122,13 +123,14 @@ __all__ = [
     "trajectory",
 ]
 
-# Imported at first use, so that `import graspforce` stays as light as NumPy. `warp` is not in
-# __all__: it needs its extra, and a star import must not.
+# Imported at first use, so that `import graspforce` stays as light as NumPy. `datasets` and `warp`
+# are not in __all__: they need their extras, and a star import must not.
 _LAZY = {
     name: f"graspforce.{name}"
     for name in (
         "baselines",
         "control",
+        "datasets",
         "files",
         "guaranteed",
         "hands",

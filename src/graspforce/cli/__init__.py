@@ -2,8 +2,9 @@
 
 Thin: every command reads its arguments, calls the library, and prints a table. Exit codes: 0
 when the job was done, infeasible grasps included; 2 when an argument or a file is wrong, or when
-something cannot be written, standard output included, with one line on stderr that says which; 1
-when nobody reads the output any more; 130, 143, … when a signal ended it.
+something cannot be written, standard output included, with one line on stderr that says which; 3
+when a batch ended early and can be gone on with; 1 when nobody reads the output any more; 130, 143,
+… when a signal ended it.
 
 A command is a file here, with its function, its EXAMPLES and what it prints, and a line below.
 """
@@ -15,7 +16,17 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from graspforce.cli import bench, compare, explain, hand, reproduce, scenario, simulate, solve
+from graspforce.cli import (
+    batch,
+    bench,
+    compare,
+    explain,
+    hand,
+    reproduce,
+    scenario,
+    simulate,
+    solve,
+)
 from graspforce.cli.process import as_command
 from graspforce.cli.terminal import one_line_errors, show
 
@@ -75,6 +86,7 @@ def _graspforce(
 
 for command, examples in (
     (solve.solve, solve.EXAMPLES),
+    (batch.batch, batch.EXAMPLES),
     (explain.explain, explain.EXAMPLES),
     (hand.hand, hand.EXAMPLES),
     (scenario.scenario, scenario.EXAMPLES),

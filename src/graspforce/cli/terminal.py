@@ -153,7 +153,7 @@ def _tell(text: str) -> None:
 
 def _fail(text: str, error: Exception) -> NoReturn:
     _tell(text)
-    raise SystemExit(2) from error
+    raise SystemExit(getattr(error, "exit_code", 2)) from error
 
 
 # ---- progress ----------------------------------------------------------------------------------
@@ -189,6 +189,42 @@ def stage_bars() -> Generator[Callable[[str, int, int], None]]:
             bars.update(tasks[stage], completed=done)
 
         yield progress
+
+
+@contextmanager
+def progress_columns(what: str) -> Generator[Callable[[int, int, str], None]]:
+    """Show how many are done, how many a second, the time left and a text, if that is a terminal.
+
+    What it gives is called with the number done, the number of all, and the text.
+    """
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        ProgressColumn,
+        Task,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text("" if task.speed is None else f"{task.speed:,.0f} {what}/s")
+
+    console = _stderr_console()
+    columns = (
+        MofNCompleteColumn(),
+        BarColumn(20),
+        Rate(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+        task = bars.add_task("", total=None)
+        yield lambda done, total, text: bars.update(
+            task, completed=done, total=total, description=text
+        )
 
 
 @contextmanager

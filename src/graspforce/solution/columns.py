@@ -251,7 +251,9 @@ class ProblemRows:
 
     def tau(self) -> Array:
         """Joint torques."""
-        arms = np.concatenate((self.data["J"], self.data["internal"]), axis=1)
+        arms = self.data["J"]
+        if self.layout.internals:
+            arms = np.concatenate((arms, self.data["internal"]), axis=1)
         return equations.joint_torques(self.forces, arms, self.data["tau_bias"])
 
     def normal_forces(self) -> Array:
