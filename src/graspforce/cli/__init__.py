@@ -15,7 +15,17 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from graspforce.cli import bench, compare, explain, hand, reproduce, scenario, simulate, solve
+from graspforce.cli import (
+    bench,
+    compare,
+    explain,
+    hand,
+    reproduce,
+    scenario,
+    simulate,
+    solve,
+    view,
+)
 from graspforce.cli.process import as_command
 from graspforce.cli.terminal import one_line_errors, show
 
@@ -79,6 +89,7 @@ for command, examples in (
     (hand.hand, hand.EXAMPLES),
     (scenario.scenario, scenario.EXAMPLES),
     (simulate.simulate, simulate.EXAMPLES),
+    (view.view, view.EXAMPLES),
     (reproduce.reproduce, reproduce.EXAMPLES),
     (bench.bench, bench.EXAMPLES),
     (compare.compare, compare.EXAMPLES),
