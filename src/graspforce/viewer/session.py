@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import imageio.v3 as imageio
 import numpy as np
 from viser import ClientHandle
 from viser.transforms import SO3
@@ -80,6 +79,11 @@ class Session:
             self._tasks.append(self._list)
         self._wake.set()
         self._thread.start()
+
+    @property
+    def knobs(self) -> Knobs:
+        """Where the knobs stand."""
+        return self._knobs
 
     def close(self) -> None:
         """End the thread."""
@@ -349,7 +353,8 @@ class Session:
         except (RuntimeError, TimeoutError) as error:
             self._tell("No picture", str(error))
             return
-        png = imageio.imwrite("<bytes>", image, extension=".png")
+        imageio: Any = importlib.import_module("imageio.v3")  # takes a while
+        png: bytes = imageio.imwrite("<bytes>", image, extension=".png")
         self._client.send_file_download(f"{self._stem}.png", png, save_immediately=True)
 
     def _send_page(self) -> None:

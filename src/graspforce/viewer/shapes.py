@@ -1,11 +1,11 @@
-"""Meshes of simple shapes, by trimesh, which viser brings along."""
+"""Meshes of simple shapes. All but the box are turned from a profile about z."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
-import trimesh
 import viser.transforms
 
 from graspforce._util.arrays import Array
@@ -13,15 +13,20 @@ from graspforce.viewer.moment import Body, Pose, Role
 
 Mesh = tuple[Array, np.ndarray[tuple[int, ...], np.dtype[np.int64]]]
 
+_SIDES, _RINGS = 32, 12
+
 
 def box(extents: Any) -> Mesh:
     """Return a box about the origin with edges of the given lengths [m]."""
-    return _mesh(trimesh.creation.box(extents))
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [face for a, b, c, d in corners for face in ((a, b, c), (a, c, d))]
+    return signs * np.array(extents) / 2, np.array(faces, np.int64)
 
 
 def ball(radius: float) -> Mesh:
     """Return a sphere about the origin [m]."""
-    return _mesh(trimesh.creation.icosphere(3, radius))
+    return capsule(radius, 0.0)
 
 
 def ellipsoid(radii: Array) -> Mesh:
@@ -32,20 +37,32 @@ def ellipsoid(radii: Array) -> Mesh:
 
 def cylinder(radius: float, height: float) -> Mesh:
     """Return a cylinder about the origin, along z [m]."""
-    return _mesh(trimesh.creation.cylinder(radius, height, sections=32))
+    z = height / 2
+    return _turned([(0.0, -z), (radius, -z), (radius, z), (0.0, z)])
 
 
 def capsule(radius: float, length: float) -> Mesh:
     """Return a capsule about the origin, along z; ``length`` is between its ends' centres [m]."""
-    made = trimesh.creation.capsule(length, radius, count=(16, 16))
-    vertices, faces = _mesh(made)
-    return vertices - (vertices.max(axis=0) + vertices.min(axis=0)) / 2, faces
+    angles = np.linspace(-math.pi / 2, math.pi / 2, 2 * _RINGS)
+    ends = np.sign(angles) * length / 2
+    return _turned([*zip(radius * np.cos(angles), radius * np.sin(angles) + ends, strict=True)])
 
 
 def cone() -> Mesh:
     """Return a cone with its tip at the origin that opens along z to a radius of 1 at 1."""
-    vertices, faces = _mesh(trimesh.creation.cone(1.0, 1.0, sections=32))
-    return vertices * [1.0, -1.0, -1.0] + [0.0, 0.0, 1.0], faces
+    return _turned([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+
+
+def _turned(profile: Any) -> Mesh:
+    """Return the surface that a profile of (radius, z) makes about z, from below."""
+    radius, z = np.array(profile, dtype=float).T
+    angle = 2 * math.pi * np.arange(_SIDES) / _SIDES
+    x, y = np.outer(radius, np.cos(angle)), np.outer(radius, np.sin(angle))
+    vertices = np.stack((x, y, np.broadcast_to(z[:, None], x.shape)), axis=-1).reshape(-1, 3)
+    ring, side = np.meshgrid(np.arange(len(radius) - 1), np.arange(_SIDES), indexing="ij")
+    a, b = ring * _SIDES + side, ring * _SIDES + (side + 1) % _SIDES
+    quads = np.stack((a, b, b + _SIDES, a + _SIDES), axis=-1).reshape(-1, 4)
+    return vertices, np.concatenate((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
 
 
 def hull(points: Array) -> Mesh | None:
@@ -53,7 +70,9 @@ def hull(points: Array) -> Mesh | None:
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if len(points) < 4 or spread[-1] < 1e-6 * spread[0]:
         return None
-    return _mesh(trimesh.convex.convex_hull(points))
+    from scipy.spatial import ConvexHull  # takes a while to import
+
+    return points, np.array(ConvexHull(points).simplices, np.int64)
 
 
 def meets(body: Body, origin: Array, direction: Array) -> Array | None:
@@ -96,7 +115,3 @@ def frame(direction: Array) -> Array:
 def quaternion(R: Array) -> Array:
     """Return the quaternion wxyz of a rotation matrix, or of several, shape (…, 4)."""
     return viser.transforms.SO3.from_matrix(R).wxyz
-
-
-def _mesh(made: Any) -> Mesh:
-    return np.array(made.vertices, dtype=float), np.array(made.faces, dtype=np.int64)

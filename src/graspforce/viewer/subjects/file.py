@@ -75,7 +75,7 @@ class FileSubject:
         )  # fmt: skip
         note = ""
         if contacts is None:
-            note = "W is not the grasp map of a body in space: its contacts have no places to draw."
+            note = "W is no grasp map: its contacts have no places to draw."
         count = given.layout.joints
         return Moment(
             {f"object {i}": Pose(np.zeros(3))}, contacts or (), np.zeros(3), problem,
@@ -85,16 +85,20 @@ class FileSubject:
 
 
 def contacts_of(problem: ForceProblem) -> tuple[Contact, ...] | None:
-    """Return the contacts whose grasp map is W; None where W is none of a body in space.
+    """Return the contacts whose grasp map is W; None where W is no grasp map.
 
-    A contact's columns are [axes; r × axes] for its place r from the origin. A contact without
+    Three rows are those of a body in the plane, x, y and the torque about z. A contact's columns are [axes; r × axes] for its place r from the origin. A contact without
     friction may be anywhere on its normal; the place nearest to the origin is taken.
     """
-    if len(problem.W) != 6:
+    W = problem.W
+    if len(W) == 3:
+        W = np.zeros((6, problem.m))
+        W[[0, 1, 5]] = problem.W
+    if len(W) != 6:
         return None
     contacts: list[Contact] = []
     for block, model in zip(
-        equations.split(problem.W, problem.layout.dims), problem.models, strict=True
+        equations.split(W, problem.layout.dims), problem.models, strict=True
     ):
         width = min(model.dim, 3)
         axes, moments = block[:3, :width], block[3:, :width]

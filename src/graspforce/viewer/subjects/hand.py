@@ -62,7 +62,9 @@ class HandSubject:
         self.summary = f"{len(self.fingers)} fingers, {len(hand.joint_names)} motors"
         self.notes = hand.notes
         self._lo, self._hi = _ranges(hand.robot, hand.q_names)
-        middle: Array = np.where(np.isfinite(self._hi), (self._lo + self._hi) / 2, 0.0)
+        middle = np.zeros(len(self._lo))
+        ends = np.isfinite(self._lo)
+        middle[ends] = (self._lo[ends] + self._hi[ends]) / 2
         self._middle = middle
         self._drawing = _drawing(hand, path)
         tips = hand.fingertip_positions(middle)
