@@ -94,7 +94,7 @@ def test_each_knob_does_what_it_says():
     assert away.solution.normal_forces[0] == 0
     assert (away.solution.normal_forces[1:] > 0).all()
     moved, _ = solved(subject, move=(0.01, 0, 0.005), turn=(0, 0, 0.1))
-    assert np.allclose(moved.origin, moment.origin + [0.01, 0, 0.005])
+    assert np.allclose(moved.origin, moment.origin + np.array([0.01, 0, 0.005]))
     assert moved.contacts[0] != moment.contacts[0]
 
 
@@ -103,8 +103,7 @@ def test_a_larger_alpha_is_lighter_and_a_wish_is_kept():
     firm, light = (solved(subject, alpha=a)[1].solution.normal_forces.max() for a in (0.1, 100))
     assert light < firm
     _, found = solved(subject, firmness="largest_normal", wish=1.3)
-    assert found.alpha != 5
-    assert found.solution.normal_forces.max() <= 1.3
+    assert firm > 1.3 >= found.solution.normal_forces.max()
     with pytest.raises(gf.InvalidInputError, match="slip_reserve"):
         solved(subject, firmness="slip_reserve", wish=1.5)
 
@@ -235,7 +234,7 @@ def test_contacts_are_picked_and_the_fingers_reach_for_them(make, tmp_path):
 
 def test_a_click_beside_the_object_is_no_contact_and_one_on_it_is():
     subject = allegro()
-    away = subject.centre + [0, 0, 1.0]
+    away = subject.centre + np.array([0, 0, 1.0])
     assert subject.pick(subject.knobs, away, np.array([0, 1.0, 0]), None) == subject.knobs
     knobs = subject.pick(subject.knobs, away, np.array([0, 0, -1.0]), 2)
     (pick,) = knobs.picks
@@ -286,7 +285,7 @@ def test_meshes_are_closed_and_have_their_sizes():
 # ---- simulated scenes ---------------------------------------------------------------------------
 
 
-def test_a_scene_is_run_in_the_background_and_scrubbed():
+def test_a_scene_is_run_while_nothing_else_is_to_do_and_scrubbed():
     subject = viewer.open_subject("hold")
     start = subject.moment(subject.knobs)
     assert not subject.busy
@@ -294,12 +293,14 @@ def test_a_scene_is_run_in_the_background_and_scrubbed():
     subject.moment(knobs)
     while len(subject._ticks) < 30:
         assert subject.busy
-        time.sleep(0.01)
+        subject.work(0.05)
     moment = subject.moment(knobs)
     assert np.linalg.norm(moment.simulated, axis=1).min() > 0.1
     assert np.allclose(moment.origin, start.origin, atol=1e-3)
     assert answer(moment.problem, knobs).solved
-    assert np.allclose(solved(subject, load=2 * subject.knobs.load)[1].problem.f[2], 2 * 9.81 * 0.25)
+    assert np.allclose(
+        solved(subject, load=2 * subject.knobs.load)[1].problem.f[2], 2 * 9.81 * 0.25
+    )
 
 
 def test_physics_answers_to_push_lift_friction_and_reset():

@@ -363,7 +363,7 @@ def test_a_link_opens_with_its_knobs(served):
 
 
 def test_a_link_with_a_wrong_knob_says_so(served, browser):
-    page, tab = served(viewer.open_subject("static"))
+    page, _ = served(viewer.open_subject("static"))
     wrong = page.link(page._knobs.changed(alpha=7.0)).replace("alpha%3D7.0", "alpha%3D-7")
     other = open_tab(browser, wrong)
     other.get_by_text("alpha: got -7").first.wait_for()
@@ -387,7 +387,9 @@ def test_an_export_opens_from_disk_without_a_network(browser, tmp_path):
         context.close()
 
 
-@pytest.mark.parametrize(("button", "suffix"), [("Picture (.png)", ".png"), ("Page (.html)", ".html")])
+@pytest.mark.parametrize(
+    ("button", "suffix"), [("Picture (.png)", ".png"), ("Page (.html)", ".html")]
+)
 def test_what_is_shared_is_downloaded(served, button, suffix):
     _, tab = served(viewer.open_subject("examples/nose_cone.json"))
     tab.get_by_role("tab", name="Share").click()

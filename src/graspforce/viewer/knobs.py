@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
@@ -187,7 +187,7 @@ def direction_angles(direction: Array) -> tuple[float, float]:
 
 def rotation(vector: Triple) -> Array:
     """Return the rotation matrix of a rotation vector [rad], shape (3, 3)."""
-    return viser.transforms.SO3.exp(np.array(vector)).as_matrix()
+    return np.array(viser.transforms.SO3.exp(np.array(vector)).as_matrix(), dtype=float)
 
 
 def _checked(name: str, value: Any, default: Any) -> Any:
@@ -201,11 +201,12 @@ def _checked(name: str, value: Any, default: Any) -> Any:
             raise InvalidInputError(f"{name}: got {came(value)}, expected {expected}")
         return value
     if isinstance(default, tuple):
-        length = len(default)  # pyright: ignore[reportUnknownArgumentType]
-        if not isinstance(value, list | tuple) or (length and len(value) != length):  # pyright: ignore[reportUnknownArgumentType]
+        length = len(cast(tuple[Any, ...], default))
+        given = cast(list[Any], value) if isinstance(value, list | tuple) else None
+        if given is None or (length and len(given) != length):
             count = f"{length} numbers" if length else "numbers"
             raise InvalidInputError(f"{name}: got {came(value)}, expected {count}")
-        return tuple(_number(name, each) for each in value)  # pyright: ignore[reportUnknownVariableType]
+        return tuple(_number(name, each) for each in given)
     number = _number(name, value)
     return round(number) if isinstance(default, int) else number
 

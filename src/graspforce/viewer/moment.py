@@ -115,11 +115,15 @@ class Subject(Protocol):
 
     @property
     def busy(self) -> bool:
-        """Whether what is shown changes by itself, because it is being computed."""
+        """Whether there is something to compute of which a moment may be the result."""
+        ...
+
+    def work(self, seconds: float) -> None:
+        """Go on with that for about some time."""
         ...
 
     def bodies(self, knobs: Knobs) -> tuple[Body, ...]:
-        """Return what is drawn, the same objects as long as it has not changed."""
+        """Return what is drawn: the same bodies as long as they have not changed."""
         ...
 
     @property

@@ -96,8 +96,9 @@ class Panel:
         self, client: ClientHandle, subject: Subject, knobs: Knobs, actions: Actions,
         link: Callable[[], str],
     ) -> None:  # fmt: skip
-        self._gui, self._subject, self._actions, self._link = client.gui, subject, actions, link
-        self._knobs = knobs
+        # viser types icons by a list that it makes when it is built.
+        self._gui: Any = client.gui
+        self._subject, self._actions, self._link, self._knobs = subject, actions, link, knobs
         self._bound: list[tuple[Any, Callable[[Knobs], Any]]] = []
         self._engagements: list[Any] = []
         self._remedies: list[Any] = []
@@ -489,7 +490,10 @@ class _Timeline:
         top = max(1.05 * float(np.nanmax(normals, initial=0.0)), 1e-6)
         at = int(np.searchsorted(times, now))
         t = np.insert(times, at, (now, now, now))
-        lines = [np.insert(line, at, [np.interp(now, times, line)] * 3) for line in normals.T]
+        lines: list[Array] = []
+        for line in normals.T:
+            value = float(np.interp(now, times, line))
+            lines.append(np.insert(line, at, (value, value, value)))
         cursor = np.zeros(len(t))
         cursor[at + 1] = top
         data, scales = (t, *lines, cursor), {

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from viser import SceneApi
 from graspforce._util.arrays import Array
 from graspforce.answers.diagnosis import Binding
 from graspforce.viewer import colours, shapes
-from graspforce.viewer.moment import Body, Moment, Subject
+from graspforce.viewer.moment import Body, Moment, Pose, Subject
 from graspforce.viewer.problems import Answer
 
 # Sizes as shares of the object's [-].
@@ -75,10 +75,13 @@ class Scene:
         on_click: Callable[[Array, Array], None] | None = None,
         on_pull: Callable[[Array, bool], None] | None = None,
     ) -> None:
-        self._api, self._subject = api, subject
+        # viser types its arrays as float32, and takes others.
+        self._api: Any = api
+        self._subject = subject
         self._on_click, self._on_pull = on_click, on_pull
         self._bodies: dict[str, Any] = {}
         self._shown_bodies: tuple[Body, ...] = ()
+        self._shown_poses: Mapping[str, Pose] | None = None
         self._contacts: _Contacts | None = None
         self._joints: Any = None
         self._wanted: Any = None
@@ -125,9 +128,8 @@ class Scene:
         forces = np.zeros((n, 3))
         if answer is not None and n:
             forces = contact_forces(moment, answer.solution.c)
-            self._scale(
-                max(np.linalg.norm(forces, axis=1).max(), np.linalg.norm(answer.problem.f[:3]))
-            )
+            sizes = np.linalg.norm([*forces, _wanted(answer)], axis=1)
+            self._scale(float(sizes.max()))
         if self._contacts is not None:
             self._contacts.show(moment, answer, forces, other, self.metres_per_newton, contacts)
         self._show_joints(moment, answer, joints)
@@ -136,7 +138,7 @@ class Scene:
             self._show_push(moment, push)
 
     def _scale(self, largest: float) -> None:
-        """Set the arrows' scale by the first forces, and shorter where they would leave the view."""
+        """Set the arrows' scale by the first forces; shorter where they would leave the view."""
         if largest > 0:
             size = self._subject.size
             if not self._first_scale:
@@ -146,7 +148,8 @@ class Scene:
     # ---- bodies ------------------------------------------------------------------------------
 
     def _show_bodies(self, bodies: tuple[Body, ...], moment: Moment) -> None:
-        if bodies is not self._shown_bodies:  # a subject whose object changes its shape
+        shown = self._shown_bodies
+        if bodies != shown:  # a subject whose object changes its shape
             for name in {body.name for body in self._shown_bodies} - {b.name for b in bodies}:
                 self._bodies.pop(name).remove()
             kept = {id(body) for body in self._shown_bodies}
@@ -154,6 +157,9 @@ class Scene:
                 if id(body) not in kept:
                     self._bodies[body.name] = self._add(body)
             self._shown_bodies = bodies
+        if moment.poses is self._shown_poses and bodies == shown:
+            return
+        self._shown_poses = moment.poses
         for body in bodies:
             handle, pose = self._bodies[body.name], moment.poses.get(body.name)
             handle.visible = pose is not None
@@ -193,7 +199,7 @@ class Scene:
 
     def _show_joints(self, moment: Moment, answer: Answer | None, blamed: set[int]) -> None:
         known = np.isfinite(moment.joint_points).all(axis=1)
-        points = moment.joint_points[known]
+        points: Array = moment.joint_points[known]
         if answer is not None and answer.solved:
             colour = colours.of_share(answer.torque_use)[known]
         else:
@@ -214,7 +220,7 @@ class Scene:
         self._joints.batched_colors = colour
 
     def _show_wanted(self, moment: Moment, answer: Answer | None) -> None:
-        f = np.zeros(3) if answer is None or len(answer.problem.f) < 3 else answer.problem.f[:3]
+        f = _wanted(answer)
         size = float(np.linalg.norm(f))
         points = _arrows(moment.origin[None], f[None] * self.metres_per_newton)
         if self._wanted is None:
@@ -240,8 +246,8 @@ class Scene:
 class _Contacts:
     """The drawing of a fixed number of contacts."""
 
-    def __init__(self, api: SceneApi, n: int, size: float) -> None:
-        self.n, self._api, self._size = n, api, size
+    def __init__(self, api: Any, n: int, size: float) -> None:
+        self.n, self._size = n, size
         vertices, faces = shapes.cone()
         still = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
         self._cones = api.add_batched_meshes_simple(
@@ -291,8 +297,10 @@ class _Contacts:
         wide = np.where(rubs, mu, 0.04)
         height = _CONE * self._size * here
         # Mirrored out of the object, around the arrow, so that both are in sight.
-        self._cones.batched_wxyzs = np.array(
-            [shapes.quaternion(shapes.frame(-normal)) for normal in normals]
+        # About its axis a cone looks the same: the contact frame, with the normal turned outwards
+        # and in the place of z, does for it.
+        self._cones.batched_wxyzs = shapes.quaternion(
+            np.stack((frames[:, :, 2], frames[:, :, 1], -normals), axis=-1)
         )
         self._cones.batched_positions = points
         self._cones.batched_scales = np.column_stack((wide * height, wide * height, height)) + 1e-9
@@ -323,6 +331,14 @@ def contact_forces(moment: Moment, c: Array) -> Array:
     return forces
 
 
+def _wanted(answer: Answer | None) -> Array:
+    """Return the force that is asked for, shape (3,) [N]; of three rows the third is a torque."""
+    force, f = np.zeros(3), np.zeros(0) if answer is None else answer.problem.f
+    count = 2 if len(f) == 3 else 3
+    force[: len(f[:count])] = f[:count]
+    return force
+
+
 def _blamed(count: int, blamed: set[int]) -> Any:
     """Return grey for all but those that bind, which are red, shape (count, 3)."""
     names = [colours.RED if i in blamed else colours.GREY for i in range(count)]
@@ -332,7 +348,7 @@ def _blamed(count: int, blamed: set[int]) -> Any:
 def _arrows(points: Array, vectors: Array, at_head: bool = False) -> Array:
     """Return the ends of arrows that begin, or end, at points, shape (n, 2, 3)."""
     ends = np.stack((points - vectors, points) if at_head else (points, points + vectors), axis=1)
-    return ends.astype(np.float32)
+    return ends
 
 
 def _radii(size: float) -> dict[str, float]:

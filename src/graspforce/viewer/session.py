@@ -32,8 +32,9 @@ from graspforce.viewer.scene import Scene, contact_forces
 
 # Redraws a second: at most, and while something moves by itself.
 _MOST_RATE, _RATE = 60.0, 30.0
-# Of the physics in a redraw, and of what is done while nothing else is to do [s].
-_BUDGET, _SLICE = 0.025, 0.015
+# Of the physics in a redraw, of forces over time while nothing else is to do, of a subject's own
+# work between redraws [s].
+_BUDGET, _SLICE, _WORK = 0.025, 0.015, 0.05
 _TIMELINE = 100  # points
 _LISTED = 500  # grasps of a file
 
@@ -179,7 +180,10 @@ class Session:
             moving = self._playing or self._loop is not None
             while self._tasks:
                 self._tasks.pop(0)()
-            if woken or moving or self._subject.busy:
+            if self._subject.busy:
+                self._subject.work(_WORK)
+                moving = True
+            if woken or moving:
                 self._advance(now - last)
                 self._refresh(self._knobs)
                 pace = _MOST_RATE if woken else _RATE
@@ -190,9 +194,8 @@ class Session:
 
     def _patience(self) -> float | None:
         """Return how long to wait for something to do [s]; None for ever."""
-        if self._playing or self._loop is not None or self._job is not None:
-            return 0.0
-        return 0.2 if self._subject.busy else None
+        idle = self._loop is None and self._job is None and not self._subject.busy
+        return None if idle and not self._playing else 0.0
 
     def _advance(self, seconds: float) -> None:
         """Move the time on, that of the physics, or round and round that of the scenario."""
@@ -330,7 +333,7 @@ class Session:
 
             @self._gizmo.on_update
             async def _(event: Any) -> None:
-                moment, knobs = self._moment, self._knobs
+                moment = self._moment
                 if moment is None or event.phase == "start":
                     return
                 base = moment.origin - np.array(self._good.move)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import viser.transforms
 
 from graspforce._util.arrays import Array
+from graspforce.contact import any_tangent, cross
 from graspforce.viewer.moment import Body, Pose, Role
 
 Mesh = tuple[Array, np.ndarray[tuple[int, ...], np.dtype[np.int64]]]
@@ -70,9 +72,8 @@ def hull(points: Array) -> Mesh | None:
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if len(points) < 4 or spread[-1] < 1e-6 * spread[0]:
         return None
-    from scipy.spatial import ConvexHull  # takes a while to import
-
-    return points, np.array(ConvexHull(points).simplices, np.int64)
+    spatial: Any = importlib.import_module("scipy.spatial")  # takes a while
+    return points, np.array(spatial.ConvexHull(points).simplices, np.int64)
 
 
 def meets(body: Body, origin: Array, direction: Array) -> Array | None:
@@ -84,7 +85,7 @@ def meets(body: Body, origin: Array, direction: Array) -> Array | None:
         direction: of the ray, shape (3,).
     """
     a, b, c = (body.vertices[body.faces[:, k]] for k in range(3))
-    # Möller and Trumbore: the place (t, u, v) with origin + t direction = a + u (b − a) + v (c − a).
+    # Möller and Trumbore: (t, u, v) with origin + t direction = a + u (b − a) + v (c − a).
     columns = np.stack((np.broadcast_to(-direction, a.shape), b - a, c - a), axis=-1)
     regular = np.abs(np.linalg.det(columns)) > 1e-18
     t, u, v = np.linalg.solve(columns[regular], (origin - a[regular])[..., None])[..., 0].T
@@ -95,7 +96,7 @@ def meets(body: Body, origin: Array, direction: Array) -> Array | None:
 def link(name: str, role: Role, length: float, radius: float, colour: str) -> Body:
     """Return a finger's link: a capsule that begins at the origin and ends at z = length."""
     vertices, faces = capsule(radius, length)
-    return Body(name, role, vertices + [0.0, 0.0, length / 2], faces, colour)
+    return Body(name, role, vertices + np.array([0.0, 0.0, length / 2]), faces, colour)
 
 
 def along(start: Array, end: Array) -> Pose:
@@ -107,11 +108,11 @@ def frame(direction: Array) -> Array:
     """Return a rotation whose z axis has the given direction, shape (3, 3)."""
     size = float(np.linalg.norm(direction))
     z = direction / size if size > 0 else np.array([0.0, 0.0, 1.0])
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x = cross(any_tangent(z), z)
     x /= np.linalg.norm(x)
-    return np.column_stack((x, np.cross(z, x), z))
+    return np.column_stack((x, cross(z, x), z))
 
 
 def quaternion(R: Array) -> Array:
     """Return the quaternion wxyz of a rotation matrix, or of several, shape (…, 4)."""
-    return viser.transforms.SO3.from_matrix(R).wxyz
+    return np.array(viser.transforms.SO3.from_matrix(R).wxyz, dtype=float)

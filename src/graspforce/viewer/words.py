@@ -69,7 +69,7 @@ def numbers(moment: Moment, answer: Answer | None) -> str:
     if answer is None:
         return ""
     problem, solution = answer.problem, answer.solution
-    forces, use = solution.normal_forces, answer.cone_use
+    forces, bars = solution.normal_forces, _bars(answer.cone_use)
     sizes = [
         float(np.linalg.norm(solution.c[start : start + min(dim, 3)]))
         for start, dim in zip(problem.starts, problem.layout.dims, strict=False)
@@ -78,17 +78,17 @@ def numbers(moment: Moment, answer: Answer | None) -> str:
         f"<tr><td>{_dot(colours.FINGERS[i % len(colours.FINGERS)])}{escape(name)}</td>"
         f"<td {_CELL}>{_named(f'normal-{i + 1}', number(float(forces[i])))}</td>"
         f"<td {_CELL}>{number(sizes[i])}</td><td {_CELL}>{number(float(problem.mu[i]))}</td>"
-        f"<td {_CELL}>{_bar(float(use[i]))}</td></tr>"
+        f"<td {_CELL}>{bars[i]}</td></tr>"
         for i, name in enumerate(moment.fingers)
     ]
     heads = ("normal [N]", "force [N]", "mu", "cone used")
     text = f"<table {_TABLE}><tr><th></th>{_heads(heads)}</tr>{''.join(rows)}</table>"
     if not problem.layout.joints:
         return text
-    tau, share = solution.tau, answer.torque_use
+    tau, bars = solution.tau, _bars(answer.torque_use)
     rows = [
         f"<tr><td>{escape(name)}</td><td {_CELL}>{number(float(tau[j]))}</td>"
-        f"<td {_CELL}>{_bar(float(share[j]))}</td></tr>"
+        f"<td {_CELL}>{bars[j]}</td></tr>"
         for j, name in enumerate(moment.joints)
     ]
     heads = ("torque [N·m]", "of its limit")
@@ -169,10 +169,16 @@ def _dots(colour: tuple[str, ...]) -> str:
     return "".join(map(_dot, colour))
 
 
-def _bar(share: float) -> str:
-    if not np.isfinite(share):
-        return "–"
-    r, g, b = colours.of_share(np.array([share]))[0]
+def _bars(shares: Array) -> list[str]:
+    """Return a bar with its percentage for each share."""
+    return [
+        _bar(share, colour) if np.isfinite(share) else "–"
+        for share, colour in zip(shares.tolist(), colours.of_share(shares).tolist(), strict=True)
+    ]
+
+
+def _bar(share: float, colour: list[int]) -> str:
+    r, g, b = colour
     width = 4 * min(max(share, 0.0), 1.0)
     return (
         f'<span style="display:inline-block;width:4em;height:.7em;background:#e6eaef;'

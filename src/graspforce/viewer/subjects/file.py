@@ -55,6 +55,9 @@ class FileSubject:
         """Return the hulls of all grasps' contacts."""
         return self._bodies
 
+    def work(self, seconds: float) -> None:
+        """There is nothing to compute beforehand."""
+
     def moment(self, knobs: Knobs) -> Moment:
         """Return a grasp as the knobs have it.
 
@@ -87,8 +90,9 @@ class FileSubject:
 def contacts_of(problem: ForceProblem) -> tuple[Contact, ...] | None:
     """Return the contacts whose grasp map is W; None where W is no grasp map.
 
-    Three rows are those of a body in the plane, x, y and the torque about z. A contact's columns are [axes; r × axes] for its place r from the origin. A contact without
-    friction may be anywhere on its normal; the place nearest to the origin is taken.
+    Three rows are those of a body in the plane, x, y and the torque about z. A contact's columns
+    are [axes; r × axes] for its place r from the origin. A contact without friction may be anywhere
+    on its normal; the place nearest to the origin is taken.
     """
     W = problem.W
     if len(W) == 3:
@@ -97,9 +101,7 @@ def contacts_of(problem: ForceProblem) -> tuple[Contact, ...] | None:
     if len(W) != 6:
         return None
     contacts: list[Contact] = []
-    for block, model in zip(
-        equations.split(W, problem.layout.dims), problem.models, strict=True
-    ):
+    for block, model in zip(equations.split(W, problem.layout.dims), problem.models, strict=True):
         width = min(model.dim, 3)
         axes, moments = block[:3, :width], block[3:, :width]
         if np.abs(axes.T @ axes - np.eye(width)).max() > UNIT_TOLERANCE:

@@ -6,20 +6,24 @@ there, from the middle of the joints' ranges.
 
 from __future__ import annotations
 
+import importlib
 import warnings
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from graspforce._util.arrays import Array
+from graspforce._util.native_stderr import native_stderr
 from graspforce.contact import PCWF, Contact
 from graspforce.errors import GraspForceWarning
 from graspforce.grasp import Grasp
 from graspforce.hands.mujoco.hand import MujocoRobot
 from graspforce.hands.overview import read_hand
+from graspforce.hands.pinocchio.model import pinocchio_module
 from graspforce.trajectory import GRAVITY
 from graspforce.viewer import colours, shapes
 from graspforce.viewer.knobs import Knobs, Pick, rotation
@@ -74,12 +78,14 @@ class HandSubject:
         self.knobs = Knobs(load=_MASS, size=self.size)
         # What the last knobs gave, for any page: bodies keep their identity, fingers their reach.
         self._object = lru_cache(16)(_object)
-        self._all = lru_cache(16)(lambda body: (*self._drawing.bodies, body))
         self._reached = lru_cache(16)(self._reach)
 
     def bodies(self, knobs: Knobs) -> tuple[Body, ...]:
         """Return hand and object."""
-        return self._all(self._object(knobs.shape, knobs.size))
+        return (*self._drawing.bodies, self._object(knobs.shape, knobs.size))
+
+    def work(self, seconds: float) -> None:
+        """There is nothing to compute beforehand."""
 
     def moment(self, knobs: Knobs) -> Moment:
         """Return the grasp as the knobs have it.
@@ -229,8 +235,11 @@ def _ranges(robot: Any, names: tuple[str, ...]) -> tuple[Array, Array]:
                 lo[i], hi[i] = robot.model.jnt_range[joint.id]
         else:
             at: int = robot.model.joints[robot.model.getJointId(name)].idx_q
-            ends = robot.model.lowerPositionLimit[at], robot.model.upperPositionLimit[at]
-            if max(map(abs, ends)) < 1e3 and ends[0] < ends[1]:
+            ends: tuple[float, float] = (
+                robot.model.lowerPositionLimit[at],
+                robot.model.upperPositionLimit[at],
+            )
+            if max(abs(each) for each in ends) < 1e3 and ends[0] < ends[1]:
                 lo[i], hi[i] = ends
     return lo, hi
 
@@ -305,17 +314,13 @@ class _UrdfDrawing:
 
 
 def _pairs(chain: Array) -> list[tuple[Array, Array]]:
-    return list(zip(chain[:-1], chain[1:], strict=True))
+    return list(pairwise(chain))
 
 
 def _visuals(model: Any, path: Path) -> list[tuple[Body, tuple[int, Any]]]:
     """Return the visual shapes of a URDF, each with its joint and its place there."""
-    import pinocchio as pin
-    import trimesh
-
-    from graspforce._util.native_stderr import native_stderr
-
-    pin: Any = pin
+    pin = pinocchio_module()
+    trimesh: Any = importlib.import_module("trimesh")  # which viser brings along; takes a while
     folders = [str(each) for each in path.resolve().parents]
     try:
         with native_stderr():

@@ -72,7 +72,7 @@ def _colour(model: Any, geom: int) -> str:
 def _mesh(model: Any, geom: int) -> Mesh | None:
     """Return a geom's mesh in its own frame; None for kinds that have none."""
     kinds, size = mujoco_module().mjtGeom, model.geom_size[geom]
-    x, y, z = size.tolist()
+    x, y, _ = size.tolist()
     made: dict[int, Callable[[], Mesh]] = {
         int(kinds.mjGEOM_PLANE): lambda: shapes.box(
             [2 * (x or _GROUND), 2 * (y or _GROUND), 0.002]

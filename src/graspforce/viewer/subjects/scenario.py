@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from graspforce._util.arrays import Array
@@ -10,7 +12,7 @@ from graspforce.grasp import Grasp
 from graspforce.scenarios import Scenario
 from graspforce.trajectory import GRAVITY, wrench
 from graspforce.viewer import colours, shapes
-from graspforce.viewer.knobs import Knobs, rotation
+from graspforce.viewer.knobs import Knobs, Triple, rotation
 from graspforce.viewer.moment import Body, Moment, Pose
 from graspforce.viewer.problems import turn_knobs
 
@@ -52,10 +54,15 @@ class ScenarioSubject:
                 shapes.link(f"distal {i + 1}", "hand", hand.link, _TIP, colours.LINK),
             ]
         self._bodies = tuple(bodies)
+        # Most knobs leave the geometry as it is.
+        self._placed = lru_cache(512)(self._place)
 
     def bodies(self, knobs: Knobs) -> tuple[Body, ...]:
         """Return hand and cube."""
         return self._bodies
+
+    def work(self, seconds: float) -> None:
+        """There is nothing to compute beforehand."""
 
     def moment(self, knobs: Knobs) -> Moment:
         """Return the grasp as the knobs have it.
@@ -64,16 +71,8 @@ class ScenarioSubject:
             InvalidInputError: the cube is out of a finger's reach.
         """
         scenario, t = self._scenario, min(knobs.time, float(self.times[-1]))
-        state, turn = scenario.state(t), rotation(knobs.turn)
-        position, R = state.position + np.array(knobs.move), turn @ state.rotation
-        contacts = tuple(
-            Contact(position + R @ c.point, R @ c.normal, c.model, R @ c.tangent)
-            for c in scenario.contacts
-        )
-        q = scenario.hand.inverse_kinematics([contact.point for contact in contacts])
-        grasp = Grasp(contacts, scenario.hand, q, position)
-        cube = scenario.cube
-        mass = knobs.load
+        grasp, poses, joints = self._placed(t, knobs.move, knobs.turn)
+        state, cube, mass = scenario.state(t), scenario.cube, knobs.load
         f = np.zeros(6)
         if mass > 0:
             f = wrench(
@@ -88,6 +87,19 @@ class ScenarioSubject:
         problem = turn_knobs(
             grasp.problem(f), knobs, scenario.engagement(t), scenario.c_max, CEILING
         )
+        names = scenario.hand.joint_names
+        return Moment(poses, grasp.contacts, grasp.origin, problem, self.fingers, names, joints)
+
+    def _place(self, t: float, move: Triple, turn: Triple) -> tuple[Grasp, dict[str, Pose], Array]:
+        """Return the grasp at a time, where the bodies are, and where the joints are."""
+        scenario = self._scenario
+        state = scenario.state(t)
+        position, R = state.position + np.array(move), rotation(turn) @ state.rotation
+        contacts = tuple(
+            Contact(position + R @ c.point, R @ c.normal, c.model, R @ c.tangent)
+            for c in scenario.contacts
+        )
+        q = scenario.hand.inverse_kinematics([contact.point for contact in contacts])
         points = scenario.hand.joint_positions(q)
         poses = {
             "cube": Pose(position, R),
@@ -102,7 +114,4 @@ class ScenarioSubject:
         # The first two joints of a finger are both at its base: the second is drawn a little above.
         lift = np.array([0.0, 0.0, 2.2 * _BASE])
         joints = np.array([each for base, knee, _ in points for each in (base, base + lift, knee)])
-        return Moment(
-            poses, contacts, position, problem,
-            self.fingers, scenario.hand.joint_names, joints,
-        )  # fmt: skip
+        return Grasp(contacts, scenario.hand, q, position), poses, joints

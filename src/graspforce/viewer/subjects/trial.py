@@ -1,8 +1,9 @@
-"""Simulated scenes as subjects: recorded in the background, or live."""
+"""Simulated scenes as subjects: run once for all pages, or live for one of them."""
 
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ class TrialSubject:
     """A simulated scene.
 
     Args:
-        trial: which is run when the page's time first leaves 0.
+        trial: the scene; it is run when the time of a page first leaves 0.
     """
 
     items: tuple[str, ...] = ()
@@ -58,18 +59,19 @@ class TrialSubject:
         points = np.array([grip.point for grip in trial.grips])
         self.size = float(np.linalg.norm(points[:, None] - points, axis=-1).max())
         self.knobs = Knobs(alpha=trial.alpha, load=self._mass)
-        self._lock, self._recording = threading.Lock(), False
+        self._lock, self._working, self._wanted = threading.Lock(), threading.Lock(), False
         self.fingers = tuple(f"finger {i + 1}" for i in range(len(trial.fingers)))
         self._joints = tuple(name for finger in trial.fingers for name in finger.joints)
         self.centre: Array = trial.motion.at(0.0).position.copy()
         with silenced_warnings():
-            self._ticks: list[Tick] = [Loop(trial).tick]
+            self._loop = Loop(trial)
+        self._ticks: list[Tick] = [self._loop.tick]
         self.failed = ""
 
     @property
     def busy(self) -> bool:
         """Whether the scene is being run."""
-        return self._recording and len(self._ticks) < len(self.times) and not self.failed
+        return self._wanted and len(self._ticks) < len(self.times) and not self.failed
 
     def bodies(self, knobs: Knobs) -> tuple[Body, ...]:
         """Return the model's geoms."""
@@ -77,9 +79,7 @@ class TrialSubject:
 
     def moment(self, knobs: Knobs) -> Moment:
         """Return a tick of the run, as far as it has come, with the knobs' changes."""
-        if knobs.time > 0 and not self._recording:
-            self._recording = True
-            threading.Thread(target=self._record, name="graspforce run", daemon=True).start()
+        self._wanted = self._wanted or knobs.time > 0
         wanted = round(knobs.time * self.trial.rate)
         tick = self._ticks[min(wanted, len(self._ticks) - 1)]
         given = tick.problem
@@ -95,6 +95,22 @@ class TrialSubject:
         if self.busy:
             note = f"the scene is being run: {len(self._ticks) / len(self.times):.0%}"
         return self._drawn_at(tick, problem, note)
+
+    def work(self, seconds: float) -> None:
+        """Go on with the run for about that time; one page does it for all."""
+        if not self._working.acquire(blocking=False):
+            time.sleep(seconds)
+            return
+        try:
+            end = time.monotonic() + seconds
+            with silenced_warnings():
+                while self.busy and time.monotonic() < end:
+                    self._loop.step()
+                    self._ticks.append(self._loop.tick)
+                    if self._loop.ended:
+                        self.failed = f"at {self._loop.tick.t:.2f} s {self._loop.ended}"
+        finally:
+            self._working.release()
 
     def live(self) -> Loop:
         """Return the scene from its beginning, to play with."""
@@ -115,13 +131,3 @@ class TrialSubject:
             poses, tick.contacts, tick.origin, problem, self.fingers, self._joints, joints, note,
             tick.force,
         )  # fmt: skip
-
-    def _record(self) -> None:
-        with silenced_warnings():
-            loop = Loop(self.trial)
-            while len(self._ticks) < len(self.times):
-                loop.step()
-                self._ticks.append(loop.tick)
-                if loop.ended:
-                    self.failed = f"at {loop.tick.t:.2f} s {loop.ended}"
-                    return
