@@ -201,9 +201,9 @@ def _checked(name: str, value: Any, default: Any) -> Any:
             raise InvalidInputError(f"{name}: got {came(value)}, expected {expected}")
         return value
     if isinstance(default, tuple):
-        length = len(cast(tuple[Any, ...], default))
-        given = cast(list[Any], value) if isinstance(value, list | tuple) else None
-        if given is None or (length and len(given) != length):
+        length = len(cast("tuple[Any, ...]", default))
+        given = cast("list[Any]", list(value) if isinstance(value, list | tuple) else [])  # pyright: ignore[reportUnknownArgumentType]
+        if not isinstance(value, list | tuple) or (length and len(given) != length):
             count = f"{length} numbers" if length else "numbers"
             raise InvalidInputError(f"{name}: got {came(value)}, expected {count}")
         return tuple(_number(name, each) for each in given)

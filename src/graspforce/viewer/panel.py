@@ -491,7 +491,8 @@ class _Timeline:
         at = int(np.searchsorted(times, now))
         t = np.insert(times, at, (now, now, now))
         lines: list[Array] = []
-        for line in normals.T:
+        for i in range(normals.shape[1]):
+            line: Array = normals[:, i]
             value = float(np.interp(now, times, line))
             lines.append(np.insert(line, at, (value, value, value)))
         cursor = np.zeros(len(t))

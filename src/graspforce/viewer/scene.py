@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from viser import SceneApi
 
 from graspforce._util.arrays import Array
@@ -198,7 +199,7 @@ class Scene:
     # ---- joints and the wanted wrench --------------------------------------------------------
 
     def _show_joints(self, moment: Moment, answer: Answer | None, blamed: set[int]) -> None:
-        known = np.isfinite(moment.joint_points).all(axis=1)
+        known: NDArray[np.bool_] = np.all(np.isfinite(moment.joint_points), axis=1)
         points: Array = moment.joint_points[known]
         if answer is not None and answer.solved:
             colour = colours.of_share(answer.torque_use)[known]
@@ -347,8 +348,8 @@ def _blamed(count: int, blamed: set[int]) -> Any:
 
 def _arrows(points: Array, vectors: Array, at_head: bool = False) -> Array:
     """Return the ends of arrows that begin, or end, at points, shape (n, 2, 3)."""
-    ends = np.stack((points - vectors, points) if at_head else (points, points + vectors), axis=1)
-    return ends
+    ends = (points - vectors, points) if at_head else (points, points + vectors)
+    return np.stack(ends, axis=1)
 
 
 def _radii(size: float) -> dict[str, float]:

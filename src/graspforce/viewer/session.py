@@ -47,6 +47,9 @@ class Session:
         subject: what it is about; the session does not change it.
         knobs: where they stand at first.
         link: makes a link to the page from the knobs.
+
+    Attributes:
+        redraws: how often the scene was drawn.
     """
 
     def __init__(
@@ -60,6 +63,7 @@ class Session:
         self._knobs = self._good = knobs
         self._playing, self._closed = False, False
         self._wake = threading.Event()
+        self.redraws = 0
         self._tasks: list[Callable[[], None]] = []
         self._loop: Any = None
         self._gizmo: Any = None
@@ -225,6 +229,7 @@ class Session:
                 self._wake.set()
             return
         self._good, self._moment = knobs, moment
+        self.redraws += 1
         other = self._other(moment, knobs)
         with self._client.atomic():
             self._panel.put(knobs)
