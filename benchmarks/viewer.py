@@ -30,11 +30,11 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from graspforce import viewer
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-FLAGS = (
-    "--no-sandbox --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader "
-    "--ignore-gpu-blocklist --disable-quic --no-first-run --disable-background-networking "
-    "--disable-component-update --disable-sync"
-).split()
+FLAGS = [
+    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+]  # fmt: skip
 MOST_GROWTH = 50.0  # [MB]
 ALPHA = "label:text-is('alpha')"
 
@@ -98,7 +98,8 @@ def times(browser: Browser, clients: int) -> list[str]:
         f"knob to number shown    median {1e3 * statistics.median(answers):.0f} ms, p90 "
         f"{1e3 * float(np.quantile(answers, 0.9)):.0f} ms",
         f"of it in the server     median {1e3 * statistics.median(server):.1f} ms of CPU",
-        f"redraws a second        {rates[0]:.0f} with one client, {rates[1]:.0f} each with {clients}",
+        f"redraws a second        {rates[0]:.0f} with one client, {rates[1]:.0f} each with "
+        f"{clients}",
     ]
 
 

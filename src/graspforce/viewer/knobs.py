@@ -202,13 +202,18 @@ def _checked(name: str, value: Any, default: Any) -> Any:
         return value
     if isinstance(default, tuple):
         length = len(cast("tuple[Any, ...]", default))
-        given = cast("list[Any]", list(value) if isinstance(value, list | tuple) else [])  # pyright: ignore[reportUnknownArgumentType]
-        if not isinstance(value, list | tuple) or (length and len(given) != length):
+        given = _items(value)
+        if given is None or (length and len(given) != length):
             count = f"{length} numbers" if length else "numbers"
             raise InvalidInputError(f"{name}: got {came(value)}, expected {count}")
         return tuple(_number(name, each) for each in given)
     number = _number(name, value)
     return round(number) if isinstance(default, int) else number
+
+
+def _items(value: Any) -> list[Any] | None:
+    """Return the items of a list or tuple; None for anything else."""
+    return list(value) if isinstance(value, list | tuple) else None  # pyright: ignore[reportUnknownArgumentType]
 
 
 def _number(name: str, value: Any) -> float:
