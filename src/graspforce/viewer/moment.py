@@ -30,6 +30,7 @@ class Body:
         vertices: in the body's frame, shape (v, 3) [m].
         faces: shape (f, 3).
         colour: as ``#rrggbb``.
+        opacity: 0 to 1; meshes of hands let forces and joints through.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Body:
     vertices: Array
     faces: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
     colour: str
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -126,11 +126,10 @@ class Panel:
             self._numbers = gui.add_html("")
             self._live = _LivePlots(gui)
         if len(subject.times):
-            with tabs.add_tab("Time"):
+            with tabs.add_tab("Physics" if self._has("physics") else "Time"):
+                if self._has("physics"):
+                    self._add_physics()
                 self._add_time()
-        if self._has("physics"):
-            with tabs.add_tab("Physics"):
-                self._add_physics()
         with tabs.add_tab("Colours"):
             gui.add_html(words.legend())
         with tabs.add_tab("Share"):
@@ -356,8 +355,9 @@ class Panel:
     def _add_physics(self) -> None:
         gui = self._gui
         gui.add_markdown(
-            "The closed loop in physics. Drag the object to push it; lower the friction, which the "
-            "controller does not know, and see which alpha still holds."
+            "Run live: the closed loop. Drag the object to push it; lower the friction, which the "
+            "controller does not know, and see which alpha still holds. Below: the scene from its "
+            "beginning to its end."
         )
         self.live = gui.add_checkbox("Run live", False)
         self._on_update(self.live, self._actions.physics)

@@ -26,9 +26,10 @@ from graspforce.viewer.problems import Answer
 _CONE, _JOINT, _FRAME, _LABEL = 0.5, 0.1, 0.11, 0.12
 _ARROW, _LONGEST = 0.75, 2.0  # of the longest arrow, at first and at most
 _SHAFT, _HEAD, _HEAD_LENGTH = 0.02, 0.05, 0.13
-# From where the camera looks at first, in sizes of the object.
-_VIEW = np.array([-1.9, -2.5, 1.35])
-_OBJECT_OPACITY, _CONE_OPACITY = 0.35, 0.45
+# From where the camera looks at first, and how far off, in radii of what there is to see.
+_VIEW = np.array([-0.56, -0.73, 0.39])
+_DISTANCE = 2.0
+_CONE_OPACITY = 0.45
 
 
 def dress(api: SceneApi) -> None:
@@ -43,7 +44,14 @@ def dress(api: SceneApi) -> None:
 
 def aim(camera: Any, subject: Subject) -> None:
     """Let a server's initial camera look at a subject."""
-    camera.position = tuple(subject.centre + subject.size * _VIEW)
+    moment = subject.moment(subject.knobs)
+    radius = 1.6 * subject.size
+    for body in subject.bodies(subject.knobs):
+        pose = moment.poses.get(body.name)
+        if pose is not None and body.role != "ground":
+            places = pose.position + body.vertices @ pose.rotation.T - subject.centre
+            radius = max(radius, float(np.linalg.norm(places, axis=1).max()))
+    camera.position = tuple(subject.centre + _DISTANCE * radius * _VIEW)
     camera.look_at = tuple(subject.centre)
     camera.near, camera.far = subject.size / 50, subject.size * 500
 
@@ -169,14 +177,13 @@ class Scene:
                 handle.wxyz = shapes.quaternion(pose.rotation)
 
     def _add(self, body: Body) -> Any:
-        is_object = body.role == "object"
         handle = self._api.add_mesh_simple(
             f"/bodies/{body.role}/{body.name}".replace(" ", "_"), body.vertices, body.faces,
             color=colours.rgb(body.colour), flat_shading=len(body.vertices) < 100,
-            opacity=_OBJECT_OPACITY if is_object else None, side="double", cast_shadow=False,
+            opacity=body.opacity if body.opacity < 1 else None, side="double", cast_shadow=False,
             receive_shadow=False,
         )  # fmt: skip
-        if is_object:
+        if body.role == "object":
             self._listen(handle)
         return handle
 

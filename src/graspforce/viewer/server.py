@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+import warnings
 from typing import Any
 from urllib.parse import quote
 
@@ -51,6 +52,8 @@ class Viewer:
         self._subject = subject
         self._knobs = subject.knobs if knobs is None else knobs
         self.sessions: dict[int, Session] = {}
+        # A page that closes while its thread draws is nothing to tell of.
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
         with quiet():
             self._server = ViserServer(host=host, port=port, verbose=False)
         self._host = host

@@ -282,6 +282,8 @@ class Session:
         """Draw the cursor, and begin with the forces anew where other knobs have changed."""
         if not len(self._subject.times) or self._loop is not None:
             return
+        if "physics" in self._subject.controls and knobs.time == 0:
+            return  # a scene is run when somebody asks for its time
         timeless = knobs.changed(time=0.0)
         if timeless != self._timeline_of and not self._subject.busy:
             self._timeline_of, self._job = timeless, self._solve_timeline(timeless)

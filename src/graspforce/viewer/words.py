@@ -48,8 +48,9 @@ def verdict(moment: Moment, answer: Answer | None, found: Diagnosis | None) -> s
     torque = float(answer.torque_use.max(initial=0.0))
     parts = [
         f"largest normal {_named('largest-normal', number(_largest(answer), 'N'))}",
-        f"friction may fall by {_named('slip-reserve', percent(slip))}",
     ]
+    if np.isfinite(slip):
+        parts.append(f"friction may fall by {_named('slip-reserve', percent(slip))}")
     if answer.problem.layout.joints:
         parts.append(f"largest torque {_named('torque-use', percent(torque))} of its limit")
     solves = f", {answer.solves} solves" if answer.solves > 1 else ""

@@ -45,7 +45,7 @@ class FileSubject:
         self.size = float(np.median(sizes)) if sizes else _UNKNOWN
         self.centre: Array = np.zeros(3)
         self._bodies = tuple(
-            Body(f"object {i}", "object", *mesh, colours.OBJECT)
+            Body(f"object {i}", "object", *mesh, colours.OBJECT, 0.35)
             for i, contacts in enumerate(self._contacts)
             if contacts is not None
             and (mesh := shapes.hull(np.array([each.point for each in contacts]))) is not None

@@ -205,7 +205,7 @@ def _object(shape: str, size: float) -> Body:
             mesh = shapes.box([size] * 3)
         case _:
             mesh = shapes.cylinder(size / 2, _SLIM * size)
-    return Body("object", "object", *mesh, colours.OBJECT)
+    return Body("object", "object", *mesh, colours.OBJECT, 0.5)
 
 
 def _normal(knobs: Knobs, point: Array) -> Array:
@@ -338,6 +338,6 @@ def _visuals(model: Any, path: Path) -> list[tuple[Body, tuple[int, Any]]]:
             return []
         r, g, b = (round(255 * float(c)) for c in each.meshColor[:3])
         colour = colours.lightened(f"#{r:02x}{g:02x}{b:02x}")
-        body = Body(each.name, "hand", vertices, np.array(loaded.faces, np.int64), colour)
+        body = Body(each.name, "hand", vertices, np.array(loaded.faces, np.int64), colour, 0.5)
         found.append((body, (each.parentJoint, each.placement)))
     return found

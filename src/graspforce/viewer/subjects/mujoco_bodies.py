@@ -25,6 +25,7 @@ def bodies(model: Any, object_body: int = -1) -> dict[int, Body]:
         model: the ``mujoco.MjModel``.
         object_body: number of the body that is held; what hangs on it belongs to it.
     """
+    kinds = mujoco_module().mjtGeom
     shown = [g for g in range(model.ngeom) if model.geom_group[g] < _VISIBLE]
     drawn: dict[int, Body] = {}
     for geom in shown or range(model.ngeom):
@@ -32,11 +33,14 @@ def bodies(model: Any, object_body: int = -1) -> dict[int, Body]:
         if mesh is None:
             continue
         body = int(model.geom_bodyid[geom])
-        plane = model.geom_type[geom] == int(mujoco_module().mjtGeom.mjGEOM_PLANE)
+        plane = model.geom_type[geom] == int(kinds.mjGEOM_PLANE)
         held = object_body >= 0 and _hangs_on(model, body, object_body)
         role = "ground" if plane else "object" if held else "hand"
         name = f"{geom} {model.geom(geom).name or model.body(body).name}"
-        drawn[geom] = Body(name, role, *mesh, colours.OBJECT if held else _colour(model, geom))
+        colour = colours.OBJECT if held else _colour(model, geom)
+        is_mesh = model.geom_type[geom] == int(kinds.mjGEOM_MESH)
+        opacity = 0.35 if held or plane else 0.5 if is_mesh else 1.0
+        drawn[geom] = Body(name, role, *mesh, colour, opacity)
     return drawn
 
 

@@ -44,7 +44,7 @@ class ScenarioSubject:
         self.centre: Array = scenario.state(0.0).position * [1.0, 1.0, 0.8]
         palm = 2 * (hand.half_width + _BASE)
         bodies = [
-            Body("cube", "object", *shapes.box([cube.side] * 3), colours.OBJECT),
+            Body("cube", "object", *shapes.box([cube.side] * 3), colours.OBJECT, 0.35),
             Body("palm", "hand", *shapes.box([palm, palm, _PALM]), colours.PALM),
         ]
         for i in range(4):
