@@ -19,7 +19,9 @@ from sphinx.application import Sphinx
 from sphinx.util.inspect import TypeAliasForwardRef
 from typer.testing import CliRunner
 
+from graspforce import viewer
 from graspforce.cli import app as command
+from graspforce.viewer import export
 
 ROOT = Path(__file__).parents[1]
 
@@ -47,7 +49,8 @@ html_title = f"graspforce {release}"
 html_copy_source = False
 html_show_sphinx = False
 html_math_renderer = "mathml"
-html_static_path = ["_static"]
+RECORDINGS = ROOT / "build" / "recordings"
+html_static_path = ["_static", str(RECORDINGS)]
 html_css_files = ["site.css"]
 
 autodoc_member_order = "bysource"
@@ -117,6 +120,14 @@ def lead_to_the_page(app: Sphinx, doctree: nodes.document) -> None:
         ]
 
 
+def record(*event: Any) -> None:
+    """Save the recording that the page of the viewer shows."""
+    subject = viewer.open_subject("regrasp")
+    RECORDINGS.mkdir(parents=True, exist_ok=True)
+    page = export.html(subject, subject.knobs, moving=True)
+    (RECORDINGS / "regrasp.html").write_text(page, encoding="utf-8")
+
+
 class CommandHelp(Directive):
     """Show what ``graspforce NAME --help`` prints."""
 
@@ -135,5 +146,6 @@ def setup(app: Sphinx) -> None:
     """Add what this site has beyond its extensions."""
     app.add_html_math_renderer("mathml", (visit_math, None), (visit_math, None))
     app.add_directive("command-help", CommandHelp)
+    app.connect("config-inited", record)
     app.connect("doctree-read", lead_to_the_page)
     app.connect("autodoc-process-docstring", escape_bars)

@@ -26,6 +26,7 @@ from graspforce.cli import (
     scenario,
     simulate,
     solve,
+    view,
 )
 from graspforce.cli.process import as_command
 from graspforce.cli.terminal import one_line_errors, show
@@ -91,6 +92,7 @@ for command, examples in (
     (hand.hand, hand.EXAMPLES),
     (scenario.scenario, scenario.EXAMPLES),
     (simulate.simulate, simulate.EXAMPLES),
+    (view.view, view.EXAMPLES),
     (reproduce.reproduce, reproduce.EXAMPLES),
     (bench.bench, bench.EXAMPLES),
     (compare.compare, compare.EXAMPLES),

@@ -1,0 +1,247 @@
+"""The live page under a hand that never rests, and how fast it answers.
+
+    python benchmarks/viewer.py                         # 20,000 random turns of knobs, in a browser
+    python benchmarks/viewer.py --turns 0 --clients 3   # the times alone
+    python benchmarks/viewer.py --save benchmarks/results/viewer.txt
+
+Needs the extra test and Chromium or Chrome on the PATH. Fails on an exception on the page or in the
+server, on more than 50 MB of growth, and on threads that are left over.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import platform
+import shutil
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from graspforce import viewer
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+FLAGS = [
+    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+]  # fmt: skip
+MOST_GROWTH = 50.0  # [MB]
+ALPHA = "label:text-is('alpha')"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--turns", type=int, default=20_000)
+    parser.add_argument("--clients", type=int, default=3, help="of the last of the times")
+    parser.add_argument("--save", type=Path)
+    chosen = parser.parse_args()
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        sys.exit(f"no browser: none of {', '.join(BROWSERS)} is on the PATH")
+    with sync_playwright() as playwright:
+        launched = playwright.chromium.launch(executable_path=browser, args=FLAGS)
+        lines = [
+            f"{platform.machine()}, {psutil.cpu_count()} cores, load {psutil.getloadavg()[0]:.1f}, "
+            f"Python {platform.python_version()}, {date.today()}, software rendering, 640 × 400",
+            *times(launched, chosen.clients),
+        ]
+        failures: list[str] = []
+        if chosen.turns:
+            said, failures = soak(launched, chosen.turns)
+            lines += said
+        launched.close()
+    text = "\n".join([*lines, *failures]) + "\n"
+    print(text, end="")
+    if chosen.save is not None and not failures:
+        chosen.save.write_text(text)
+    return bool(failures)
+
+
+def opened(browser: Browser, url: str) -> Page:
+    tab = browser.new_page(viewport={"width": 640, "height": 400})
+    tab.set_default_timeout(120_000)
+    tab.goto(url)
+    tab.wait_for_selector(".gf-largest-normal")
+    return tab
+
+
+# ---- how fast -----------------------------------------------------------------------------------
+
+
+def times(browser: Browser, clients: int) -> list[str]:
+    """Return how long the command takes to a page, a knob to a number, and redraws a second."""
+    up = [_page_up(browser) for _ in range(5)]
+    page = viewer.Viewer(viewer.open_subject("static"), port=0)
+    tabs = [opened(browser, page.url)]
+    (session,) = page.sessions.values()
+    time.sleep(1)
+    server = [_server_time(session, 5 + 0.01 * k) for k in range(200)]
+    answers = [_answer_time(tabs[0], 10 + k) for k in range(50)]
+    rates = [_redraws(page, 1)]
+    tabs += [opened(browser, page.url) for _ in range(clients - 1)]
+    rates.append(_redraws(page, clients))
+    for tab in tabs:
+        tab.close()
+    page.stop()
+    return [
+        f"command to page         median {statistics.median(up):.2f} s, least {min(up):.2f} s",
+        f"knob to number shown    median {1e3 * statistics.median(answers):.0f} ms, p90 "
+        f"{1e3 * float(np.quantile(answers, 0.9)):.0f} ms",
+        f"of it in the server     median {1e3 * statistics.median(server):.1f} ms of CPU",
+        f"redraws a second        {rates[0]:.0f} with one client, {rates[1]:.0f} each with "
+        f"{clients}",
+    ]
+
+
+def _page_up(browser: Browser) -> float:
+    start = time.perf_counter()
+    with subprocess.Popen(
+        [sys.executable, "-m", "graspforce", "view", "static", "--port", "0"],
+        stdout=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        process.stdout.readline()
+        tab = opened(browser, process.stdout.readline().split()[0])
+        took = time.perf_counter() - start
+        tab.close()
+        process.terminate()
+    return took
+
+
+def _server_time(session: Any, alpha: float) -> float:
+    start = time.thread_time()
+    session._refresh(session.knobs.changed(alpha=alpha))
+    return time.thread_time() - start
+
+
+def _answer_time(tab: Page, alpha: float) -> float:
+    """Return the time from a value in the field to its number on the page, by the page's clock."""
+    row = tab.locator(ALPHA).locator("xpath=ancestor::div[2]")
+    field = row.locator("input").first.element_handle()
+    return tab.evaluate(
+        """([field, value]) => new Promise(done => {
+          const start = performance.now();
+          new MutationObserver((_, watch) => {
+            if (document.querySelector('.gf-alpha')?.innerText === value) {
+              watch.disconnect();
+              done((performance.now() - start) / 1000);
+            }
+          }).observe(document.body, {subtree: true, childList: true, characterData: true});
+          const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
+          set.call(field, value);
+          field.dispatchEvent(new Event('input', {bubbles: true}));
+        })""",
+        [field, f"{alpha:g}"],
+    )
+
+
+def _redraws(page: viewer.Viewer, clients: int, seconds: float = 5.0) -> float:
+    """Return redraws a second and client while every client's alpha changes 60 times a second."""
+    sessions = list(page.sessions.values())
+    before = [session.redraws for session in sessions]
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        for session in sessions:
+            session.turn(alpha=5 + time.monotonic() % 1)
+        time.sleep(1 / 60)
+    done = sum(s.redraws - b for s, b in zip(sessions, before, strict=True))
+    return done / seconds / clients
+
+
+# ---- how long -----------------------------------------------------------------------------------
+
+
+def soak(browser: Browser, turns: int) -> tuple[list[str], list[str]]:
+    """Turn random knobs; return what there is to say, and what went wrong."""
+    errors = _Errors()
+    logging.getLogger().addHandler(errors)
+    threading.excepthook = errors.of_thread
+    threads = threading.active_count()
+    page = viewer.Viewer(viewer.open_subject("regrasp"), port=0)
+    tab = opened(browser, page.url)
+    tab.on("pageerror", lambda error: errors.found.append(f"page: {error}"))
+    (session,) = page.sessions.values()
+    rng, memory, process = np.random.default_rng(7), [], psutil.Process()
+    start = time.monotonic()
+    for turn in range(turns):
+        session.turn(**random_turn(rng))
+        if turn % 100 == 0:
+            tab.wait_for_timeout(1)  # which lets the page's events through
+            memory.append(process.memory_info().rss / 2**20)
+        time.sleep(0.005)
+    session.reset()
+    tab.wait_for_selector(".gf-largest-normal")
+    took = time.monotonic() - start
+    redraws = session.redraws
+    tab.close()
+    deadline = time.monotonic() + 30
+    while page.sessions and time.monotonic() < deadline:
+        time.sleep(0.05)
+    page.stop()
+    deadline = time.monotonic() + 30
+    while threading.active_count() > threads and time.monotonic() < deadline:
+        time.sleep(0.05)
+    # The first tenth fills caches and plots.
+    growth = memory[-1] - memory[len(memory) // 10]
+    failures = list(errors.found)
+    if growth > MOST_GROWTH:
+        failures.append(f"grew by {growth:.0f} MB, allowed are {MOST_GROWTH:.0f}")
+    if threading.active_count() > threads:
+        failures.append(f"left threads: {[each.name for each in threading.enumerate()]}")
+    said = [
+        f"{turns} random turns in {took:.0f} s, {redraws} redraws, {len(errors.found)} exceptions, "
+        f"memory {memory[len(memory) // 10]:.0f} to {memory[-1]:.0f} MB"
+    ]
+    return said, failures
+
+
+def random_turn(rng: np.random.Generator) -> dict[str, Any]:
+    """Return a change of one knob, now and then to what cannot be."""
+    triple = tuple(rng.normal(size=3).tolist())
+    wishes = ("alpha", "largest_normal", "times_least", "slip_reserve", "torque_reserve")
+    choices: tuple[dict[str, Any], ...] = (
+        {"alpha": float(10 ** rng.uniform(-2, 6))},
+        {"alpha": float(10 ** rng.uniform(-4, 8))},
+        {"firmness": str(rng.choice(wishes)), "wish": float(rng.uniform(0, 3))},
+        {"firmness": "alpha"},
+        {"friction": float(rng.uniform(0.1, 3))},
+        {"torque": float(rng.uniform(0.1, 3))},
+        {"ceiling": float(rng.choice([0.0, rng.uniform(0, 20)]))},
+        {"load": float(rng.uniform(0, 1.5))},
+        {"push": tuple(0.5 * each for each in triple)},
+        {"tilt": float(rng.uniform(0, 180)), "heading": float(rng.uniform(-180, 180))},
+        {"move": tuple(0.02 * each for each in triple)},
+        {"turn": tuple(0.1 * each for each in triple)},
+        {"engagement": tuple(rng.choice([0.0, 0.3, 1.0], 4).tolist())},
+        {"time": float(rng.uniform(0, 2))},
+        {"other": str(rng.choice(["", "minimum_norm", "lp"]))},
+    )
+    return choices[rng.integers(len(choices))]
+
+
+class _Errors(logging.Handler):
+    """What is logged as an error, and what ends a thread."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.found: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.found.append(self.format(record))
+
+    def of_thread(self, args: Any) -> None:
+        self.found.append(f"{args.thread}: {args.exc_type.__name__}: {args.exc_value}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

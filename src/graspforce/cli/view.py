@@ -1,0 +1,92 @@
+"""``graspforce view``: a live 3-D page of a grasp."""
+
+from __future__ import annotations
+
+import threading
+import webbrowser
+from typing import Annotated
+
+import typer
+
+from graspforce.cli.terminal import show
+from graspforce.errors import InvalidInputError
+
+EXAMPLES = (
+    "graspforce view regrasp --open",
+    "graspforce view hold",
+    "graspforce view examples/several_grasps.json",
+    "graspforce view --hand hand.xml --tip thumb --tip index",
+    "graspforce view static --set alpha=100 --set load=1",
+)
+
+
+def view(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME | FILE]",
+            help="A scenario (static, dynamic, regrasp), a simulated scene (hold, circle, …), or "
+            "a file of grasps.  [default: static]",
+        ),
+    ] = None,
+    hand: Annotated[
+        str | None,
+        typer.Option(help="In place of it, a hand: MJCF or URDF; contacts are picked by clicks."),
+    ] = None,
+    tip: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="A fingertip's link of that hand; may be given several times.  [default: the "
+            "last link of every chain that motors move]"
+        ),
+    ] = None,
+    tau_max: Annotated[
+        float | None, typer.Option(help="Limit of every motor of that hand [N·m, N].")
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KNOB=VALUE", help="Where a knob stands at first."),
+    ] = None,
+    port: Annotated[int, typer.Option(help="Where the page is; 0 takes a free port.")] = 8080,
+    host: Annotated[
+        str,
+        typer.Option(help="The interface; any but this machine's own lets others use the page."),
+    ] = "127.0.0.1",
+    open_page: Annotated[
+        bool, typer.Option("--open", help="Open the page in the browser.")
+    ] = False,
+) -> None:
+    """Show a grasp as a live 3-D page, whose forces answer while one turns knobs.
+
+    The page has the forces with their newtons, how much of friction and torques they use, why a
+    load is not held and what would help. It is served until Ctrl-C. Needs the extra 'view': in a
+    checkout, pip install '.[view]'.
+    """
+    from graspforce import viewer
+
+    if name is not None and hand is not None:
+        raise InvalidInputError(f"--hand: got {hand!r} beside {name!r}, expected one of them")
+    if hand is not None:
+        subject = viewer.open_hand(hand, tip or (), tau_max)
+    elif tip or tau_max is not None:
+        raise InvalidInputError("--tip, --tau-max: expected together with --hand")
+    else:
+        subject = viewer.open_subject(name or "static")
+    knobs = subject.knobs.from_texts(dict(map(_setting, changes or ())))
+    page = viewer.Viewer(subject, knobs, host, port)
+    try:
+        show(f"{subject.title}: {subject.summary}", f"{page.url}  (Ctrl-C ends it)", wrap=False)
+        if open_page:
+            webbrowser.open(page.url)
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        page.stop()
+
+
+def _setting(text: str) -> tuple[str, str]:
+    knob, found, value = text.partition("=")
+    if not (knob and found):
+        raise InvalidInputError(f"--set: got {text!r}, expected KNOB=VALUE")
+    return knob, value
