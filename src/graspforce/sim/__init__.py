@@ -20,6 +20,8 @@ import warnings
 from typing import Any
 
 from graspforce.errors import RenderError
+from graspforce.sim.closing import close
+from graspforce.sim.hand_loop import HandLoop
 from graspforce.sim.log import Ending, Log, check_log_file
 from graspforce.sim.loop import run
 from graspforce.sim.render import check_video_file, save_still, save_video
@@ -34,12 +36,14 @@ __all__ = [
     "FingerSwing",
     "Gains",
     "Grip",
+    "HandLoop",
     "Log",
     "Push",
     "RenderError",
     "Trial",
     "check_log_file",
     "check_video_file",
+    "close",
     "get",
     "run",
     "save_still",

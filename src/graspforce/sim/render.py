@@ -115,7 +115,7 @@ class Camera:
         force = self._log.force[tick, finger]
         length = 0.3 * _size(self._trial)
         angles = np.linspace(0, 2 * math.pi, _FACETS + 1)
-        circle = self._trial.mu * np.array([np.cos(angles), np.sin(angles)])
+        circle = _friction(self._trial) * np.array([np.cos(angles), np.sin(angles)])
         frame = Contact(point, normal, FPC()).frame
         rim = length * (frame @ np.vstack((np.ones(_FACETS + 1), circle))).T
         for one, other in pairwise(rim):
@@ -254,8 +254,19 @@ def _write_mp4(path: Path, images: Iterator[Image]) -> None:
 
 def _size(trial: Trial) -> float:
     """Return the size of what is carried, as the distance between opposite contacts [m]."""
+    if not trial.grips:
+        model = trial.model
+        return float(model.geom_rbound[model.geom_bodyid == model.body(trial.body).id].max())
     points = np.array([grip.point for grip in trial.grips])
     return float(np.linalg.norm(points[:, None] - points, axis=-1).max())
+
+
+def _friction(trial: Trial) -> float:
+    """Return the coefficient whose cones are drawn: the controller's, or that of the object."""
+    if trial.fingers or trial.mu is not None:
+        return trial.assumed_mu
+    model = trial.model
+    return float(model.geom_friction[model.geom_bodyid == model.body(trial.body).id, 0].max())
 
 
 def _open_gl(model: Any) -> tuple[Any, Any]:
