@@ -4,7 +4,8 @@ The object is pinned where it is. Every finger is drawn, at the point of it that
 towards the nearest point of the object, or towards a point that the user names: with a force that is
 limited, at a speed that is limited. A drive that moves two fingers, as of a gripper, moves with the
 sum of both. The arm is held. When nothing moves any more, the contacts are asked whether they hold
-the object's weight; where they do not, an error says in words what is missing.
+the object's weight; where they do not, an error says in words what is missing. Else the loop takes
+over while the object is still pinned, so that it is let go with the forces that hold it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from graspforce.grasp import Grasp
 from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.model import bias_forces
 from graspforce.hands.mujoco.motors import MujocoMotors
-from graspforce.sim.hand_loop import limits_of, softness
+from graspforce.sim.hand_loop import HandLoop, limits_of, softness
 from graspforce.sim.mujoco_import import mj, silenced_warnings
 from graspforce.sim.world import Physics
 from graspforce.solve import solve
@@ -32,7 +33,13 @@ from graspforce.trajectory import GRAVITY
 _APPROACH = 0.15  # [m/s]
 _AT_REST = 0.02  # [rad/s; m/s]
 _RESTING = 0.05  # for how long [s]
+_TAKING_OVER = 0.1  # how long the loop holds the object before it is let go [s]
+_HEAVY = 1e4
 _DAMPING = 20.0  # of all joints [1/s]
+_SPRING = 200.0  # of joints that have come to touch [1/s²]
+_STEERING = 100.0  # of a finger's motion aside of its way [1/s]
+_NEAR = 5e-4  # from here on a finger presses and is not steered [m]
+_LOOKS = 5  # in how many steps the nearest points are looked for once
 _FAR = 0.5  # beyond it a finger has nothing to do with the object [m]
 # The share of the weight by which the wrench of a grasp that holds it may be off.
 _GOOD = 0.05
@@ -43,6 +50,17 @@ class _Finger(NamedTuple):
 
     name: str
     geoms: NDArray[np.intp]
+
+
+class _Way(NamedTuple):
+    """Where a finger is nearest to the object."""
+
+    distance: float
+    body: int
+    point: Array
+    """On the finger, in the body's frame."""
+    direction: Array
+    """To the object, a unit vector in world axes."""
 
 
 def close(
@@ -106,7 +124,11 @@ class _Closing:
         weight = physics.mass * (float(np.linalg.norm(model.opt.gravity)) or GRAVITY)
         self._weight = weight
         self._force = 2 * weight if force is None else as_positive(force, "force", "N")
+        self._tau_max = tau_max
         self._motors = MujocoMotors(model, tau_max=tau_max)
+        self._ways: list[_Way] = []
+        # Where each drive was when the fingers that it moves had come to touch.
+        self._touched = np.full(len(self._motors.joint_names), np.nan)
         limits = limits_of(self._motors, *self._motors.limits(self._data))
         self._reader = MujocoGrasp(
             self._model, self._data, body, self._motors.joint_names, limits
@@ -131,24 +153,47 @@ class _Closing:
             InvalidInputError: the contacts do not hold the object.
         """
         model, data, resting = self._model, self._data, 0.0
-        step = float(model.opt.timestep)
+        dt = float(model.opt.timestep)
+        steps = 0
+        # Put back after every step, it would still give way within one: so it is made heavy, and
+        # its weight is taken off.
+        self._physics.multiply_mass(_HEAVY)
+        inside = self._reader.inside
+        lift: Array = data.xfrc_applied[:, :3]
+        lift[inside] = np.outer(model.body_mass[inside], -model.opt.gravity)
         while data.time < duration and resting < _RESTING:
             mj.mj_step1(model, data)
             self._reader.update(data)
-            self._motors.write(data, self._torques(), step)
-            mj.mj_step2(model, data)
-            if self._physics.failure():
-                raise InvalidInputError(
-                    f"model: closing the hand diverged at {data.time:.3f} s: "
-                    f"{self._physics.failure()}"
-                )
-            self._pin()
+            if steps % _LOOKS == 0:
+                self._ways = [self._way(i) for i in range(len(self._fingers))]
+                self._note_touched()
+            self._motors.write(data, self._torques(), dt)
+            self._step()
             still = np.abs(self._motors.rates(data)).max() < _AT_REST
-            resting = resting + step if still and data.ncon else 0.0
+            resting = resting + dt if still and data.ncon else 0.0
+            steps += 1
+        self._physics.multiply_mass(1 / _HEAVY)
+        lift[inside] = 0.0
         mj.mj_forward(model, data)
         self._reader.update(data)
         self._require_hold()
+        loop = HandLoop(model, data, self._body, tau_max=self._tau_max)
+        while data.time < duration + _TAKING_OVER and resting < _RESTING + _TAKING_OVER:
+            mj.mj_step1(model, data)
+            loop.step(0.0)
+            self._step()
+            resting += dt
         return np.array(data.qpos)
+
+    def _step(self) -> None:
+        """Finish a step of the physics; the object stays where it is."""
+        mj.mj_step2(self._model, self._data)
+        if self._physics.failure():
+            raise InvalidInputError(
+                f"model: closing the hand diverged at {self._data.time:.3f} s: "
+                f"{self._physics.failure()}"
+            )
+        self._pin()
 
     def _pin(self) -> None:
         """Put the object back to where it was."""
@@ -237,6 +282,42 @@ class _Closing:
         way = (ends[3:] - ends[:3]) / (best or 1e-12)
         return best, geom, ends[:3], way / max(float(np.linalg.norm(way)), 1e-12)
 
+    def _way(self, finger: int) -> _Way:
+        """Return from where on a finger the way to the object is the shortest."""
+        data, aim = self._data, self._aims[finger]
+        geoms = self._reader.geoms[:, 0]
+        touching = np.flatnonzero(np.isin(geoms, self._fingers[finger].geoms))
+        if len(touching):
+            distance, geom = 0.0, int(geoms[touching[0]])
+            same = touching[geoms[touching] == geom]
+            point = self._reader.points[same].mean(axis=0)
+            direction = self._reader.normals[same].mean(axis=0)
+            direction /= float(np.linalg.norm(direction))
+        else:
+            distance, geom, point, direction = self._nearest(self._fingers[finger])
+            if distance < 1e-4 and self._ways:  # too short to have a direction
+                direction = self._ways[finger].direction
+        if aim is not None and distance > _NEAR:
+            place = data.xmat[self._physics.body].reshape(3, 3) @ aim
+            direction = place + data.subtree_com[self._physics.body] - point
+            direction /= max(float(np.linalg.norm(direction)), 1e-12)
+        body = int(self._model.geom_bodyid[geom])
+        local = data.xmat[body].reshape(3, 3).T @ (point - data.xpos[body])
+        return _Way(distance, body, local, direction)
+
+    def _note_touched(self) -> None:
+        """Note how the drives stand whose fingers have come to touch, all that each moves."""
+        dofs, driven = self._reader.motion
+        waiting = np.zeros(len(driven.T), dtype=bool)
+        touching = np.zeros(len(driven.T), dtype=bool)
+        for finger, way in zip(self._fingers, self._ways, strict=True):
+            bodies = self._model.geom_bodyid[finger.geoms]
+            moved = self._reader.moved_by(bodies)[:, dofs].any(axis=0)
+            of_finger = (driven[moved] != 0).any(axis=0)
+            (touching if way.distance <= _NEAR else waiting)[of_finger] = True
+        new = touching & ~waiting & np.isnan(self._touched)
+        self._touched[new] = self._motors.lengths(self._data)[new]
+
     # ---- the law -------------------------------------------------------------------------------
 
     def _torques(self) -> Array:
@@ -245,23 +326,35 @@ class _Closing:
         dofs, driven = self._reader.motion
         mj.mj_fullM(model, data, self._mass_matrix)
         rates, off = self._motors.rates(data), self._motors.lengths(data) - self._lengths
-        drawn = np.zeros(model.nv)
-        for finger, aim in zip(self._fingers, self._aims, strict=True):
-            distance, geom, point, way = self._nearest(finger)
-            if distance >= _FAR:
-                continue
-            if aim is not None and distance > 1e-3:
-                place = data.xmat[self._physics.body].reshape(3, 3) @ aim
-                way = place + data.subtree_com[self._physics.body] - point
-                way /= max(float(np.linalg.norm(way)), 1e-12)
-            mj.mj_jac(model, data, self._jacobian, None, point, int(model.geom_bodyid[geom]))
-            speed = float(way @ (self._jacobian @ data.qvel))
-            push = self._force * np.clip(1 - speed / _APPROACH, -1.0, 1.0)
-            drawn += self._jacobian.T @ (push * way)
-        moved = driven.T @ drawn[dofs] * ~self._carried
         M = driven.T @ self._mass_matrix[np.ix_(dofs, dofs)] @ driven
-        held = self._carried * (-400.0 * off - 40.0 * rates) - ~self._carried * _DAMPING * rates
-        return moved + driven.T @ bias_forces(model, data)[dofs] + M @ held
+        free = ~self._carried & driven.any(axis=0)
+        moving = driven[:, free]
+        inverse = np.linalg.inv(M[np.ix_(free, free)])
+        drawn = np.zeros(len(free))
+        for way in self._ways:
+            if way.distance >= _FAR:
+                continue
+            point = data.xpos[way.body] + data.xmat[way.body].reshape(3, 3) @ way.point
+            mj.mj_jac(model, data, self._jacobian, None, point, way.body)
+            velocity = self._jacobian @ data.qvel
+            speed = float(way.direction @ velocity)
+            push = self._force * np.clip(1 - speed / _APPROACH, -1.0, 1.0)
+            J = self._jacobian[:, dofs] @ moving
+            force = push * way.direction
+            if way.distance > _NEAR:
+                inertia = np.linalg.pinv(J @ inverse @ J.T, rcond=1e-2, hermitian=True)
+                towards = inertia @ way.direction
+                aside = speed * way.direction - velocity
+                force = push * towards / float(way.direction @ towards)
+                force += _STEERING * (inertia @ aside)
+                most = 4 * self._force
+                force *= min(1.0, most / max(float(np.linalg.norm(force)), 1e-12))
+            drawn[free] += J.T @ force
+        held = self._carried * (-400.0 * off - 40.0 * rates)
+        # A finger that presses would buckle but for a spring about how it touched.
+        bent = np.nan_to_num(self._motors.lengths(data) - self._touched)
+        held -= ~self._carried * (_SPRING * bent + _DAMPING * rates)
+        return drawn + driven.T @ bias_forces(model, data)[dofs] + M @ held
 
     # ---- what came of it -----------------------------------------------------------------------
 

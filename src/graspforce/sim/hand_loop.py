@@ -157,6 +157,8 @@ class HandLoop:
         self._c_max = CEILING * weight if c_max is None else as_positive(c_max, "c_max", "N")
         self._mu = mu if mu is None else as_positive(mu, "mu", "")
         self._lengths = self.motors.lengths(data)
+        kinds = mj.mjtIntegrator
+        self._implicit = (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST))
         self._jacobian_dot = np.zeros((6, model.nv))
         self._mass_matrix = np.zeros((model.nv, model.nv))
         seen = self.seen()
@@ -188,7 +190,9 @@ class HandLoop:
     def read(self) -> None:
         """Read the simulation as it stands."""
         self.reader.update(self._data)
-        self.tau_lo, self.tau_hi = self.motors.limits(self._data)
+        lo, hi = self.motors.limits(self._data)
+        # A servo that is beyond its range has one torque: nearly none to choose from.
+        self.tau_lo, self.tau_hi = lo, np.maximum(hi, lo + 1e-6 * np.maximum(np.abs(lo), 1e-3))
 
     def seen(self) -> Seen:
         """Return the contacts that the simulation lists."""
@@ -318,10 +322,8 @@ class HandLoop:
         """Return the torques that move the joints' own inertia, shape (n_joints,)."""
         gains, data = self._gains, self._data
         dofs, driven = self.reader.motion
-        mj.mj_fullM(self._model, data, self._mass_matrix)
         carrying = driven.any(axis=0)  # of motors that share a motion, those that count for it
-        moved = driven[:, carrying]
-        M = moved.T @ self._mass_matrix[np.ix_(dofs, dofs)] @ moved
+        M = self._inertia_of_motors(dofs, driven)[np.ix_(carrying, carrying)]
         off = self.motors.lengths(data) - self._lengths
         posture = -gains.posture_stiffness * off - gains.posture_damping * self.motors.rates(data)
         tau, posture = np.zeros(len(driven.T)), posture[carrying]
@@ -338,6 +340,22 @@ class HandLoop:
             own = own + J_here.T @ np.linalg.solve(compliance, wanted - J_here @ posture)
         tau[carrying] = own
         return tau
+
+    def _inertia_of_motors(self, dofs: Indices, driven: Array) -> Array:
+        """Return the inertia that the motors move, shape (n_joints, n_joints).
+
+        MuJoCo's implicit integrators take damping as of the end of a step, which is as if there
+        were as much more inertia as it takes in a step. What the reader and the motors make up for
+        is the damping as of its beginning.
+        """
+        model, data = self._model, self._data
+        mj.mj_fullM(model, data, self._mass_matrix)
+        M, step = self._mass_matrix[np.ix_(dofs, dofs)], float(model.opt.timestep)
+        if int(model.opt.integrator) not in self._implicit:
+            return driven.T @ M @ driven
+        M = M + step * np.diag(model.dof_damping[dofs])
+        of_motors = np.diag(step * self.motors.damping(data) * driven.any(axis=0))
+        return driven.T @ M @ driven + of_motors
 
     def _along(self, acceleration: Array, pose: Pose, engaged: Indices) -> Array:
         """Return the joints' part of the accelerations that take contacts along, (m_engaged,)."""

@@ -183,7 +183,7 @@ def _allegro() -> _Scene:
     bodies = _row_of_fingers(names, joints, thumb, ball, 0.0435)
     return _Scene(
         bodies + '<site name="grip" pos=".083 0 .01"/>', actuators,
-        'type="box" size=".02 .05 .0225"', pose | {"thumb_2": -0.1, "thumb_3": 0.7},
+        'type="box" size=".024 .05 .0225"', pose | {"thumb_2": -0.1, "thumb_3": 0.7},
     )  # fmt: skip
 
 
@@ -204,7 +204,7 @@ def _leap() -> _Scene:
         'type="box" size=".008 .009 .012" pos="0 0 .045"',
     )  # fmt: skip
     names = ("index", "middle", "ring")
-    pose = {f"{n}_{j}": q for n in names for j, q in (("mcp", 0.4), ("pip", 1.1), ("dip", 1.2))}
+    pose = {f"{n}_{j}": q for n in names for j, q in (("mcp", 0.3), ("pip", 1.0), ("dip", 1.2))}
     every = [f"{n}_{j}" for n in names for j in ("mcp", "rot", "pip", "dip")]
     every += ["thumb_cmc", "thumb_axl", "thumb_mcp", "thumb_ipl"]
     actuators = "".join(

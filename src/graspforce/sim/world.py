@@ -20,6 +20,7 @@ from graspforce.contact import Contact, cross
 from graspforce.errors import ModelImportError
 from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.model import drives, is_plain_motor
+from graspforce.hands.mujoco.object import HeldObject
 from graspforce.sim.mujoco_import import mj
 from graspforce.sim.trial import Finger, Trial
 
@@ -66,6 +67,8 @@ class Physics:
     Attributes:
         model: the model, a copy.
         data: its state.
+        body: the number of the object's body.
+        inside: which bodies make up the object, shape (nbody,).
     """
 
     def __init__(self, model: Any, start: Array, body: str) -> None:
@@ -83,6 +86,7 @@ class Physics:
         self.data = mj.MjData(self.model)
         self.data.qpos[:] = start
         self.body = self._id("body", body)
+        self.inside = HeldObject(self.model, self.body).inside
         self._velocity = np.zeros(6)
 
     def _id(self, kind: str, name: str) -> int:
@@ -108,8 +112,8 @@ class Physics:
 
     def multiply_mass(self, factor: float) -> None:
         """Make the object heavier, its inertia with it."""
-        self.model.body_mass[self.body] *= factor
-        self.model.body_inertia[self.body] *= factor
+        self.model.body_mass[self.inside] *= factor
+        self.model.body_inertia[self.inside] *= factor
         mj.mj_setConst(self.model, mj.MjData(self.model))
 
     def multiply_friction(self, factor: float) -> None:

@@ -143,6 +143,11 @@ class MujocoMotors:
         """Return how fast they move, shape (n,) [rad/s; m/s]."""
         return data.actuator_velocity[self._output[self._first]] / self._gear[self._first]
 
+    def damping(self, data: Any) -> Array:
+        """Return by how much the motors' torques fall with the joints' rates, shape (n,)."""
+        by_rate = -(self._gain[:, 2] * data.ctrl[self._input] + self._bias[:, 2])
+        return self._sum @ (self._gear**2 * np.maximum(by_rate, 0.0))
+
     def write(self, data: Any, tau: ArrayLike, dt: float, *, at_once: bool = False) -> Array:
         """Set the controls that make torques, and return the torques that they make.
 
