@@ -49,7 +49,7 @@ from graspforce.trajectory import GRAVITY, Hold, Motion
 
 # Without other wishes: the largest normal force is this many times the least possible one, and no
 # contact pushes with more than so many times the object's weight.
-TIMES_LEAST = 3.0
+TIMES_LEAST = 2.0
 CEILING = 20.0
 # By which share of the weight W c = f may be missed.
 _SOFTNESS = 0.01
@@ -100,7 +100,7 @@ class HandLoop:
             now; by default it stays.
         mu: the coefficient of friction to count on [-]; by default what the model says of each
             contact.
-        alpha: weight of the linear limits; by default that of a grip with 3 times the least force.
+        alpha: weight of the linear limits; by default that of a grip with twice the least force.
         c_max: ceiling of every normal force [N]; by default 20 times the object's weight.
         gains: of the control law.
         rate: ticks a second; by default one each step of the simulation [Hz].

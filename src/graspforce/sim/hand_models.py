@@ -121,16 +121,24 @@ def _finger(
     return f'<body name="{name}_base" {place}>{inside}</body>'
 
 
-def _arm(hand: str) -> tuple[str, str, dict[str, float]]:
+def _arm(hand: str, grip: str) -> tuple[str, str, dict[str, float]]:
     """Return an arm with six joints, of a UR5's lengths and torques, that carries a hand downwards.
 
-    Its motors are position servos, as it comes. Returns bodies, actuators and the pose.
+    Its motors are position servos, as it comes.
+
+    Args:
+        hand: bodies of the hand.
+        grip: where the object is in it.
+
+    Returns:
+        Bodies, actuators and the arm's pose.
     """
     joints = (
         ("pan", "0 0 1", 0.089, 150), ("lift", "0 1 0", 0.425, 150), ("elbow", "0 1 0", 0.392, 150),
         ("wrist1", "0 1 0", 0.109, 28), ("wrist2", "1 0 0", 0.095, 28), ("wrist3", "0 0 1", 0.082, 28),
     )  # fmt: skip
-    inside, actuators = hand, ""
+    inside = f'<body name="mount" pos="0 0 .13">{hand}<site name="grip" pos="{grip}"/></body>'
+    actuators = ""
     for i, (name, axis, link, most) in reversed(list(enumerate(joints))):
         at = joints[i - 1][2] if i else 0.0
         inside = f"""<body name="{name}" pos="0 0 {at}"><joint name="{name}" class="arm"
@@ -180,10 +188,11 @@ def _allegro() -> _Scene:
         f'<motor name="{name}_{i}" joint="{name}_{i}" ctrlrange="-.7 .7"/>'
         for name in (*names, "thumb") for i in range(4)
     )  # fmt: skip
-    bodies = _row_of_fingers(names, joints, thumb, ball, 0.0435)
+    hand = _row_of_fingers(names, joints, thumb, ball, 0.0435)
+    bodies, servos, stance = _arm(hand, ".083 0 .01")
     return _Scene(
-        bodies + '<site name="grip" pos=".083 0 .01"/>', actuators,
-        'type="box" size=".024 .05 .0225"', pose | {"thumb_2": -0.1, "thumb_3": 0.7},
+        bodies, servos + actuators, 'type="box" size=".024 .05 .0225"',
+        stance | pose | {"thumb_2": -0.1, "thumb_3": 0.7},
     )  # fmt: skip
 
 
@@ -212,10 +221,11 @@ def _leap() -> _Scene:
         'forcerange="-.95 .95"/>'
         for each in every
     )
-    bodies = _row_of_fingers(names, joints, thumb, box, 0.0454)
+    hand = _row_of_fingers(names, joints, thumb, box, 0.0454)
+    bodies, servos, stance = _arm(hand, ".066 0 .008")
     return _Scene(
-        bodies + '<site name="grip" pos=".066 0 .008"/>', actuators,
-        'type="box" size=".02 .055 .0225"', pose | {"thumb_mcp": -0.1, "thumb_ipl": 0.8},
+        bodies, servos + actuators, 'type="box" size=".02 .055 .0225"',
+        stance | pose | {"thumb_mcp": -0.1, "thumb_ipl": 0.8},
     )  # fmt: skip
 
 
@@ -239,8 +249,8 @@ def _shadow() -> _Scene:
     pose = {f"{n}{j}": q for n in names for j, q in (("J3", 0.7), ("J2", 0.9), ("J1", 0.7))}
     hand = _row_of_fingers(names, joints, thumb, pad, 0.022)
     servo = 'kp="5" kv=".05" ctrlrange="-1.6 3.2"'
-    actuators = '<position name="WRJ1" joint="WRJ1" kp="20" kv=".5" ctrlrange="-1 1" forcerange="-10 10"/>'
-    actuators += "".join(
+    wrist = '<position name="WRJ1" joint="WRJ1" kp="20" kv=".5" ctrlrange="-1 1" forcerange="-10 10"/>'
+    actuators = wrist + "".join(
         f"""<position name="{n}J4" joint="{n}J4" {servo} forcerange="-1 1"/>
         <position name="{n}J3" joint="{n}J3" {servo} forcerange="-1 1"/>
         <position name="{n}J0" tendon="{n}J0" {servo} forcerange="-1 1"/>"""
@@ -254,12 +264,12 @@ def _shadow() -> _Scene:
         f'<fixed name="{n}J0"><joint joint="{n}J2" coef="1"/><joint joint="{n}J1" coef="1"/></fixed>'
         for n in names
     )
-    bodies = f"""<body name="forearm" pos="0 0 -.1"><joint name="WRJ1" axis="0 1 0" range="-.6 .6"
-      armature=".01" damping=".1"/><body pos="0 0 .1">{hand}<site name="grip" pos=".056 0 .012"/>
-      </body></body>"""
+    forearm = f"""<body name="forearm"><joint name="WRJ1" axis="0 1 0" range="-.6 .6"
+      armature=".01" damping=".1"/><body pos="0 0 .1">{hand}</body></body>"""
+    bodies, servos, stance = _arm(forearm, ".056 0 .112")
     return _Scene(
-        bodies, actuators, 'type="capsule" size=".018" fromto="0 -.04 0 0 .04 0"',
-        pose | {"THJ2": -0.1, "THJ1": 0.8}, f"<tendon>{tendons}</tendon>",
+        bodies, servos + actuators, 'type="capsule" size=".018" fromto="0 -.04 0 0 .04 0"',
+        stance | pose | {"THJ2": -0.1, "THJ1": 0.8}, f"<tendon>{tendons}</tendon>",
     )  # fmt: skip
 
 
@@ -280,10 +290,9 @@ def _two_finger_linkage() -> _Scene:
             axis="{s} 0 0"/><geom class="bone" type="capsule" size=".004" mass=".02"
             fromto="0 0 0 0 0 .055"/></body>"""
 
-    hand = f"""<body name="gripper" pos="0 0 .082"><geom class="bone" type="cylinder"
-      size=".037 .04" mass=".6"/>{side("left", 1)}{side("right", -1)}
-      <site name="grip" pos="0 0 .14"/></body>"""
-    bodies, actuators, pose = _arm(hand)
+    hand = f"""<body name="gripper"><geom class="bone" type="cylinder"
+      size=".037 .04" mass=".6"/>{side("left", 1)}{side("right", -1)}</body>"""
+    bodies, actuators, pose = _arm(hand, "0 0 .14")
     actuators += """<general name="fingers" tendon="split" biastype="affine" gainprm="20"
       biasprm="0 -20 -.5" ctrlrange="-.9 .9" forcerange="-8 8"/>"""
     more = """<tendon><fixed name="split"><joint joint="left_crank" coef=".5"/>
@@ -352,8 +361,7 @@ def _inspire() -> _Scene:
         'type="box" size=".007 .008 .012" pos="0 0 .03"',
     )  # fmt: skip
     hand = _row_of_fingers(names, joints, thumb, pad, 0.02)
-    hand = f'<body pos="0 0 .15">{hand}<site name="grip" pos=".066 0 .006"/></body>'
-    bodies, actuators, pose = _arm(hand)
+    bodies, actuators, pose = _arm(hand, ".066 0 .006")
     driven = [f"{name}_proximal" for name in names] + ["thumb_yaw", "thumb_pitch"]
     actuators += "".join(
         f'<position name="{each}" joint="{each}" kp="8" kv=".1" ctrlrange="-2 2.5" '
@@ -371,7 +379,7 @@ def _inspire() -> _Scene:
     pose |= {f"{name}_proximal": 0.75 for name in names}
     pose |= {f"{name}_distal": 0.75 * 1.06 for name in names}
     return _Scene(
-        bodies, actuators, 'type="box" size=".02 .05 .02"', pose, f"<equality>{mimics}</equality>"
+        bodies, actuators, 'type="box" size=".03 .05 .02"', pose, f"<equality>{mimics}</equality>"
     )
 
 

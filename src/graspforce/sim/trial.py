@@ -210,7 +210,7 @@ class Trial:
         ground: the geom that the feet stand on; None for a hand that holds ``body``.
         mu: the coefficient of friction that the controller assumes [-]; by default what the model
             says of each contact, and 0.5 for named fingers.
-        alpha: weight of the linear limits, Eq. (16); by default that of a grip with 3 times the
+        alpha: weight of the linear limits, Eq. (16); by default that of a grip with twice the
             least force, and 5 for named fingers.
         c_max: ceiling of every normal force [N]; required with steps. By default none, and
             without named fingers 20 times the object's weight.
