@@ -1,7 +1,7 @@
 """Closing a hand: from a pose near the object to contacts that hold it.
 
-The object is pinned where it is. Every finger is drawn, at the point of it that is nearest, straight
-towards the nearest point of the object, or towards a point that the user names: with a force that is
+The object is pinned where it is. Every finger is drawn, by the part of it that is nearest, straight
+the shortest way to the object, or towards a point that the user names: with a force that is
 limited, at a speed that is limited. A drive that moves two fingers, as of a gripper, moves with the
 sum of both. The arm is held. When nothing moves any more, the contacts are asked whether they hold
 the object's weight; where they do not, an error says in words what is missing. Else the loop takes
@@ -56,9 +56,8 @@ class _Way(NamedTuple):
     """Where a finger is nearest to the object."""
 
     distance: float
-    body: int
-    point: Array
-    """On the finger, in the body's frame."""
+    geom: int
+    """Drawn at its centre, a face comes to lie flat."""
     direction: Array
     """To the object, a unit vector in world axes."""
 
@@ -288,22 +287,19 @@ class _Closing:
         geoms = self._reader.geoms[:, 0]
         touching = np.flatnonzero(np.isin(geoms, self._fingers[finger].geoms))
         if len(touching):
-            distance, geom = 0.0, int(geoms[touching[0]])
+            distance, geom, near = 0.0, int(geoms[touching[0]]), np.zeros(3)
             same = touching[geoms[touching] == geom]
-            point = self._reader.points[same].mean(axis=0)
             direction = self._reader.normals[same].mean(axis=0)
             direction /= float(np.linalg.norm(direction))
         else:
-            distance, geom, point, direction = self._nearest(self._fingers[finger])
+            distance, geom, near, direction = self._nearest(self._fingers[finger])
             if distance < 1e-4 and self._ways:  # too short to have a direction
                 direction = self._ways[finger].direction
         if aim is not None and distance > _NEAR:
             place = data.xmat[self._physics.body].reshape(3, 3) @ aim
-            direction = place + data.subtree_com[self._physics.body] - point
+            direction = place + data.subtree_com[self._physics.body] - near
             direction /= max(float(np.linalg.norm(direction)), 1e-12)
-        body = int(self._model.geom_bodyid[geom])
-        local = data.xmat[body].reshape(3, 3).T @ (point - data.xpos[body])
-        return _Way(distance, body, local, direction)
+        return _Way(distance, geom, direction)
 
     def _note_touched(self) -> None:
         """Note how the drives stand whose fingers have come to touch, all that each moves."""
@@ -334,8 +330,8 @@ class _Closing:
         for way in self._ways:
             if way.distance >= _FAR:
                 continue
-            point = data.xpos[way.body] + data.xmat[way.body].reshape(3, 3) @ way.point
-            mj.mj_jac(model, data, self._jacobian, None, point, way.body)
+            body = int(model.geom_bodyid[way.geom])
+            mj.mj_jac(model, data, self._jacobian, None, data.geom_xpos[way.geom], body)
             velocity = self._jacobian @ data.qvel
             speed = float(way.direction @ velocity)
             push = self._force * np.clip(1 - speed / _APPROACH, -1.0, 1.0)

@@ -424,12 +424,24 @@ class HandLoop:
             options.pop("W"), options.pop("f"), self._models(), c_max=self._c_max, **options
         )
         if self.alpha is None:
-            # What may be missed has no least force: the load is asked for as it is.
-            grip = firmness.choose(problem.replace(f_soft=0.0), times_least=TIMES_LEAST)
-            self.alpha = grip.alpha if grip.solution.status is Status.SOLVED else 5.0
+            self.alpha = self._firm(problem)
             problem = problem.replace(alpha=self.alpha, f_soft=self._softness(problem.f_soft))
         self._servo = Servo(problem)
         return self._servo
+
+    def _firm(self, problem: ForceProblem) -> float:
+        """Return alpha of a grip with ``TIMES_LEAST`` the least force.
+
+        A load that may be missed has no least force, so that it is asked for as it is; of what no
+        motor controls only where that is possible.
+        """
+        rows = 6 if self.reader.motions is None else self.reader.motions.shape[1]
+        passive = np.append(np.zeros(rows), problem.f_soft[rows:])
+        for soft in (np.zeros(len(passive)), passive):
+            grip = firmness.choose(problem.replace(f_soft=soft), times_least=TIMES_LEAST)
+            if grip.solution.status is Status.SOLVED:
+                return grip.alpha
+        return 5.0
 
     def _cone_weight(self) -> Array:
         """Return the cones' weights: contacts of one patch share 1, as far as they are engaged."""

@@ -99,6 +99,7 @@ class _Joint(NamedTuple):
     link: float
     """[m]"""
     range: str = "-1.6 1.9"
+    more: str = ""
 
 
 def _finger(
@@ -116,7 +117,7 @@ def _finger(
         at = f"0 0 {joints[i - 1].link}" if i else "0 0 0"
         inside = (
             f'<body name="{name}_{i + 1}" pos="{at}"><joint name="{joint.name}" '
-            f'axis="{joint.axis}" range="{joint.range}"/>{bone}{inside}</body>'
+            f'axis="{joint.axis}" range="{joint.range}" {joint.more}/>{bone}{inside}</body>'
         )
     return f'<body name="{name}_base" {place}>{inside}</body>'
 
@@ -230,23 +231,28 @@ def _leap() -> _Scene:
 
 
 def _shadow() -> _Scene:
-    """Fingers with a tendon over their last two joints, a wrist, capsules as tips."""
+    """Fingers with a tendon over their last two joints, a wrist, capsules as tips.
+
+    The tendon turns both joints with one torque, so that what presses on the tip has to be about
+    along the link between them: the fingers stand so. Weak springs keep the two apart.
+    """
 
     def joints(name: str) -> list[_Joint]:
         return [
             _Joint(f"{name}J4", "1 0 0", 0.0, "-.35 .35"), _Joint(f"{name}J3", "0 1 0", 0.045),
-            _Joint(f"{name}J2", "0 1 0", 0.025), _Joint(f"{name}J1", "0 1 0", 0.026),
+            _Joint(f"{name}J2", "0 1 0", 0.025, more='stiffness=".2" springref="1.2"'),
+            _Joint(f"{name}J1", "0 1 0", 0.026, more='stiffness=".2" springref=".5"'),
         ]  # fmt: skip
 
     pad = 'type="capsule" size=".008" fromto="0 0 .018 0 0 .026"'
     thumb = _finger(
-        "TH", 'pos="-.03 0 -.045" euler="0 1.5708 0"',
+        "TH", 'pos="-.03 0 -.095" euler="0 1.5708 0"',
         [_Joint("THJ5", "0 0 1", 0.0, "-1 1"), _Joint("THJ4", "1 0 0", 0.038, "-.6 .6"),
          _Joint("THJ2", "0 -1 0", 0.032), _Joint("THJ1", "0 -1 0", 0.0275)],
         'type="capsule" size=".009" fromto="0 0 .018 0 0 .0275"',
     )  # fmt: skip
     names = ("FF", "MF", "RF", "LF")
-    pose = {f"{n}{j}": q for n in names for j, q in (("J3", 0.7), ("J2", 0.9), ("J1", 0.7))}
+    pose = {f"{n}{j}": q for n in names for j, q in (("J3", 1.5), ("J2", 1.2), ("J1", 0.5))}
     hand = _row_of_fingers(names, joints, thumb, pad, 0.022)
     servo = 'kp="5" kv=".05" ctrlrange="-1.6 3.2"'
     wrist = '<position name="WRJ1" joint="WRJ1" kp="20" kv=".5" ctrlrange="-1 1" forcerange="-10 10"/>'
@@ -266,7 +272,7 @@ def _shadow() -> _Scene:
     )
     forearm = f"""<body name="forearm"><joint name="WRJ1" axis="0 1 0" range="-.6 .6"
       armature=".01" damping=".1"/><body pos="0 0 .1">{hand}</body></body>"""
-    bodies, servos, stance = _arm(forearm, ".056 0 .112")
+    bodies, servos, stance = _arm(forearm, ".048 0 .058")
     return _Scene(
         bodies, servos + actuators, 'type="capsule" size=".018" fromto="0 -.04 0 0 .04 0"',
         stance | pose | {"THJ2": -0.1, "THJ1": 0.8}, f"<tendon>{tendons}</tendon>",
