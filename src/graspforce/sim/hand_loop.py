@@ -40,7 +40,7 @@ from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.motors import MujocoMotors
 from graspforce.problem import ForceProblem
 from graspforce.servo import Servo
-from graspforce.sim.controller import MAX_TIP_INERTIA, point_acceleration, rotation_vector
+from graspforce.sim.controller import point_acceleration, rotation_vector
 from graspforce.sim.mujoco_import import mj
 from graspforce.sim.trial import Gains
 from graspforce.sim.world import Pose, object_inertia, object_pose
@@ -53,6 +53,11 @@ TIMES_LEAST = 2.0
 CEILING = 20.0
 # By which share of the weight W c = f may be missed.
 _SOFTNESS = 0.01
+# How many times that share, of its torque about the object, the forces may miss what no motor
+# controls, as joints of a tendon with springs: it gives way until it is in balance.
+_GIVING_WAY = 30.0
+# Upper bound on the effective mass at a contact: towards where hand and arm can hardly go [kg].
+_MAX_INERTIA = 1e4
 # How many contacts a link has room for that is no ball: what touches of a face comes and goes.
 _FACE_SLOTS = 4
 
@@ -336,7 +341,7 @@ class HandLoop:
             over_M = np.linalg.solve(M, J_here.T).T
             # A contact that lets go counts less and less.
             share = np.repeat(self.book.engagement[engaged], self._dims[engaged])
-            compliance = over_M @ J_here.T + np.diag(1 / (MAX_TIP_INERTIA * share**2))
+            compliance = over_M @ J_here.T + np.diag(1 / (_MAX_INERTIA * share**2))
             own = own + J_here.T @ np.linalg.solve(compliance, wanted - J_here @ posture)
         tau[carrying] = own
         return tau
@@ -387,8 +392,7 @@ class HandLoop:
         soft, motions = self._softness(self._soft), self.reader.motions
         if motions is not None:
             W, f, soft = motions.T @ W, motions.T @ f, np.abs(motions.T) @ soft
-        # What no motor controls is as good as the load allows.
-        passive = np.full(len(hand.passive_loads), soft[-1])
+        passive = np.full(len(hand.passive_loads), _GIVING_WAY * self._soft[-1])
         fields["W"] = np.vstack((W, hand.passive_rows))
         fields["f"] = np.append(f, hand.passive_loads)
         fields["f_soft"] = np.append(soft, passive)
@@ -425,23 +429,22 @@ class HandLoop:
         )
         if self.alpha is None:
             self.alpha = self._firm(problem)
-            problem = problem.replace(alpha=self.alpha, f_soft=self._softness(problem.f_soft))
+            rows = len(problem.f_soft) - len(self.reader.passive_loads)
+            soft = np.append(self._softness(problem.f_soft[:rows]), problem.f_soft[rows:])
+            problem = problem.replace(alpha=self.alpha, f_soft=soft)
         self._servo = Servo(problem)
         return self._servo
 
     def _firm(self, problem: ForceProblem) -> float:
         """Return alpha of a grip with ``TIMES_LEAST`` the least force.
 
-        A load that may be missed has no least force, so that it is asked for as it is; of what no
-        motor controls only where that is possible.
+        A load that may be missed has no least force, so that it is asked for as it is; but not
+        what no motor controls, which gives way until it is in balance.
         """
         rows = 6 if self.reader.motions is None else self.reader.motions.shape[1]
-        passive = np.append(np.zeros(rows), problem.f_soft[rows:])
-        for soft in (np.zeros(len(passive)), passive):
-            grip = firmness.choose(problem.replace(f_soft=soft), times_least=TIMES_LEAST)
-            if grip.solution.status is Status.SOLVED:
-                return grip.alpha
-        return 5.0
+        soft = np.append(np.zeros(rows), problem.f_soft[rows:])
+        grip = firmness.choose(problem.replace(f_soft=soft), times_least=TIMES_LEAST)
+        return grip.alpha if grip.solution.status is Status.SOLVED else 5.0
 
     def _cone_weight(self) -> Array:
         """Return the cones' weights: contacts of one patch share 1, as far as they are engaged."""
