@@ -271,10 +271,10 @@ def _shadow() -> _Scene:
         for n in names
     )
     forearm = f"""<body name="forearm"><joint name="WRJ1" axis="0 1 0" range="-.6 .6"
-      armature=".01" damping=".1"/><body pos="0 0 .1">{hand}</body></body>"""
+      armature=".3" damping=".5"/><body pos="0 0 .1">{hand}</body></body>"""
     bodies, servos, stance = _arm(forearm, ".048 0 .058")
     return _Scene(
-        bodies, servos + actuators, 'type="capsule" size=".018" fromto="0 -.04 0 0 .04 0"',
+        bodies, servos + actuators, 'type="box" size=".018 .045 .018"',
         stance | pose | {"THJ2": -0.1, "THJ1": 0.8}, f"<tendon>{tendons}</tendon>",
     )  # fmt: skip
 
