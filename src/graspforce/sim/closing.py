@@ -129,9 +129,7 @@ class _Closing:
         # Where each drive was when the fingers that it moves had come to touch.
         self._touched = np.full(len(self._motors.joint_names), np.nan)
         limits = limits_of(self._motors, *self._motors.limits(self._data))
-        self._reader = MujocoGrasp(
-            self._model, self._data, body, self._motors.joint_names, limits
-        )
+        self._reader = MujocoGrasp(self._model, self._data, body, self._motors.joint_names, limits)
         self._lengths = self._motors.lengths(self._data)
         self._fingers, self._carried = self._find_fingers()
         if not self._fingers:
@@ -382,8 +380,8 @@ class _Closing:
         if solution.status is not Status.SOLVED or missed > _GOOD:
             reason = solution.message or f"{missed:.0%} of it is missing"
             raise InvalidInputError(
-                f"start: the contacts do not hold {name!r}'s weight within friction and the motors' "
-                f"limits ({reason}); {where}"
+                f"start: the contacts do not hold the weight of {name!r} within friction and the "
+                f"motors' limits ({reason}); {where}"
             )
 
     def _given(self) -> dict[str, float]:

@@ -16,9 +16,9 @@ object's material moves there, the one nearest, in the metric of the inertia, to
 posture. Fingers that can follow the object do, and the arm rests; jaws that cannot are carried by
 the arm. Joints that move nothing that touches are held by the posture law alone.
 
-W c = f may be missed by a hundredth of the weight: two points that cannot twist the object, or a load
-beyond what the hand can hold, then leave the nearest there is. Where a tick has no answer all the
-same, the last good torques stay.
+W c = f may be missed by a hundredth of the weight: two points that cannot twist the object, or a
+load beyond what the hand can hold, then leave the nearest there is. Where a tick has no answer all
+the same, the last good torques stay.
 """
 
 from __future__ import annotations
@@ -416,7 +416,7 @@ class HandLoop:
         return servo.solution
 
     def _softness(self, soft: Array) -> Array:
-        """Return ``f_soft`` that lets W c = f be missed as little whatever alpha weighs Phi with."""
+        """Return ``f_soft`` by which W c = f is missed as little whatever alpha is."""
         return soft / np.sqrt(max(self.alpha or 1.0, 1.0))
 
     def _make_servo(self, fields: dict[str, Any]) -> Servo:
@@ -468,7 +468,7 @@ def limits_of(motors: MujocoMotors, lo: Array, hi: Array) -> dict[str, float]:
     for name, limit in zip(motors.joint_names, most.tolist(), strict=True):
         if limit == np.inf:
             raise ModelImportError(
-                f"{name!r}: its motor has no limit, expected a forcerange, or a ctrlrange of a motor "
-                "or servo; or give tau_max"
+                f"{name!r}: its motor has no limit, expected a forcerange, or a ctrlrange of a "
+                "motor or servo; or give tau_max"
             )
     return dict(zip(motors.joint_names, most.tolist(), strict=True))

@@ -70,8 +70,8 @@ def _mjcf(name: str, scene: _Scene, place: Sequence[float] | None, qpos: str) ->
       <option timestep=".001" integrator="implicitfast" cone="elliptic" impratio="100"
         noslip_iterations="3" jacobian="dense"/>
       <visual><headlight ambient=".45 .45 .45" diffuse=".5 .5 .5" specular=".1 .1 .1"/></visual>
-      <asset><texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="64" height="64"/>
-      </asset>
+      <asset><texture type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="64"
+        height="64"/></asset>
       <default>
         <geom condim="4" friction=".8 .01 .0001" solref=".002 1" solimp=".95 .99 .001" contype="1"
           conaffinity="2" rgba=".62 .66 .7 1"/>
@@ -135,8 +135,9 @@ def _arm(hand: str, grip: str) -> tuple[str, str, dict[str, float]]:
         Bodies, actuators and the arm's pose.
     """
     joints = (
-        ("pan", "0 0 1", 0.089, 150), ("lift", "0 1 0", 0.425, 150), ("elbow", "0 1 0", 0.392, 150),
-        ("wrist1", "0 1 0", 0.109, 28), ("wrist2", "1 0 0", 0.095, 28), ("wrist3", "0 0 1", 0.082, 28),
+        ("pan", "0 0 1", 0.089, 150), ("lift", "0 1 0", 0.425, 150),
+        ("elbow", "0 1 0", 0.392, 150), ("wrist1", "0 1 0", 0.109, 28),
+        ("wrist2", "1 0 0", 0.095, 28), ("wrist3", "0 0 1", 0.082, 28),
     )  # fmt: skip
     inside = f'<body name="mount" pos="0 0 .13">{hand}<site name="grip" pos="{grip}"/></body>'
     actuators = ""
@@ -255,7 +256,9 @@ def _shadow() -> _Scene:
     pose = {f"{n}{j}": q for n in names for j, q in (("J3", 1.5), ("J2", 1.2), ("J1", 0.5))}
     hand = _row_of_fingers(names, joints, thumb, pad, 0.022)
     servo = 'kp="5" kv=".05" ctrlrange="-1.6 3.2"'
-    wrist = '<position name="WRJ1" joint="WRJ1" kp="20" kv=".5" ctrlrange="-1 1" forcerange="-10 10"/>'
+    wrist = (
+        '<position name="WRJ1" joint="WRJ1" kp="20" kv=".5" ctrlrange="-1 1" forcerange="-10 10"/>'
+    )
     actuators = wrist + "".join(
         f"""<position name="{n}J4" joint="{n}J4" {servo} forcerange="-1 1"/>
         <position name="{n}J3" joint="{n}J3" {servo} forcerange="-1 1"/>
@@ -267,7 +270,8 @@ def _shadow() -> _Scene:
         for j in ("THJ5", "THJ4", "THJ2", "THJ1")
     )
     tendons = "".join(
-        f'<fixed name="{n}J0"><joint joint="{n}J2" coef="1"/><joint joint="{n}J1" coef="1"/></fixed>'
+        f'<fixed name="{n}J0"><joint joint="{n}J2" coef="1"/>'
+        f'<joint joint="{n}J1" coef="1"/></fixed>'
         for n in names
     )
     forearm = f"""<body name="forearm"><joint name="WRJ1" axis="0 1 0" range="-.6 .6"
@@ -362,7 +366,8 @@ def _inspire() -> _Scene:
     pad = 'type="box" size=".006 .007 .012" pos="0 0 .04"'
     thumb = _finger(
         "thumb", 'pos="0 0 -.04" euler="0 1.5708 0"',
-        [_Joint("thumb_yaw", "0 0 1", 0.02, "-.6 .6"), _Joint("thumb_pitch", "0 -1 0", 0.05, "-.6 1"),
+        [_Joint("thumb_yaw", "0 0 1", 0.02, "-.6 .6"),
+         _Joint("thumb_pitch", "0 -1 0", 0.05, "-.6 1"),
          _Joint("thumb_distal", "0 -1 0", 0.035, "-.6 1.2")],
         'type="box" size=".007 .008 .012" pos="0 0 .03"',
     )  # fmt: skip
@@ -428,7 +433,11 @@ def _palm() -> _Scene:
             _Joint(f"{name}_near", "0 1 0", 0.05), _Joint(f"{name}_far", "0 1 0", 0.04),
         ]  # fmt: skip
 
-    places = (("one", -0.02, 0.03, 0.0), ("two", -0.02, -0.03, 0.0), ("three", 0.045, 0.0, 3.14159265))
+    places = (
+        ("one", -0.02, 0.03, 0.0),
+        ("two", -0.02, -0.03, 0.0),
+        ("three", 0.045, 0.0, 3.14159265),
+    )
     fingers = "".join(
         _finger(name, f'pos="{x - 0.025} {y} 0" euler="0 0 {turn}"', joints(name),
                 'type="sphere" size=".01" pos="0 0 .04"')

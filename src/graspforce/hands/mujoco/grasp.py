@@ -371,7 +371,7 @@ class MujocoGrasp:
     def maps(
         self, points: Array, axes: Array, dims: Indices, bodies: Indices
     ) -> tuple[Array, Actuation]:
-        """Return W, and what the joints bring in, of contacts as arrays: :meth:`jacobian` for loops.
+        """Return W, and what the joints bring in, of contacts as arrays.
 
         Args:
             points: n of them, world axes, shape (n, 3) [m].

@@ -2,9 +2,9 @@
 
 MuJoCo's actuators make the force ``gain·x + bias``, cut off at their ``forcerange``: x is the
 control or, of actuators that lag behind it, an activation that follows the control; gain and bias
-are numbers of the actuator, its length and its velocity. A ``<motor>`` has no bias; a position servo
-has the gain kp and the bias −kp·q − kv·q̇. Solved for x, a servo is told the position at which it
-makes the torque, and as much as its ``ctrlrange`` reaches is its limit.
+are numbers of the actuator, its length and its velocity. A ``<motor>`` has no bias; a position
+servo has the gain kp and the bias −kp·q − kv·q̇. Solved for x, a servo is told the position at which
+it makes the torque, and as much as its ``ctrlrange`` reaches is its limit.
 """
 
 from __future__ import annotations
