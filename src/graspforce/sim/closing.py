@@ -10,6 +10,7 @@ over while the object is still pinned, so that it is let go with the forces that
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -18,12 +19,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_array, as_positive
-from graspforce.errors import InvalidInputError
+from graspforce.errors import GraspForceWarning, InvalidInputError
 from graspforce.grasp import Grasp
-from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.model import bias_forces
 from graspforce.hands.mujoco.motors import MujocoMotors
-from graspforce.sim.hand_loop import HandLoop, limits_of, softness
+from graspforce.sim.hand_loop import HandLoop, limits_of, quiet_reader, softness
 from graspforce.sim.mujoco_import import mj, silenced_warnings
 from graspforce.sim.world import Physics
 from graspforce.solve import solve
@@ -95,9 +95,10 @@ def close(
             which side contacts are missing.
         ModelImportError: an actuator of a kind, or without a limit, that no torque can be sent to.
     """
-    if start is None:
-        start = model.key_qpos[0] if model.nkey else model.qpos0
-    at = as_array(start, "start", (model.nq,))
+    given: Any = start
+    if given is None:
+        given = model.key_qpos[0] if model.nkey else model.qpos0
+    at = as_array(given, "start", (model.nq,))
     with silenced_warnings():
         return _Closing(model, body, at, force, touch, tau_max).run(
             as_positive(duration, "duration", "s")
@@ -128,8 +129,7 @@ class _Closing:
         self._ways: list[_Way] = []
         # Where each drive was when the fingers that it moves had come to touch.
         self._touched = np.full(len(self._motors.joint_names), np.nan)
-        limits = limits_of(self._motors, *self._motors.limits(self._data))
-        self._reader = MujocoGrasp(self._model, self._data, body, self._motors.joint_names, limits)
+        self._reader = quiet_reader(self._model, self._data, body, self._motors)
         self._lengths = self._motors.lengths(self._data)
         self._fingers, self._carried = self._find_fingers()
         if not self._fingers:
@@ -167,7 +167,7 @@ class _Closing:
             self._motors.write(data, self._torques(), dt)
             self._step()
             still = np.abs(self._motors.rates(data)).max() < _AT_REST
-            resting = resting + dt if still and data.ncon else 0.0
+            resting = resting + dt if still and data.time > _RESTING else 0.0
             steps += 1
         self._physics.multiply_mass(1 / _HEAVY)
         lift[inside] = 0.0
@@ -370,7 +370,10 @@ class _Closing:
                 f"start: all contacts are on one side of {name!r}: together they push it along "
                 f"({direction}) and nothing pushes back; {where}"
             )
-        grasp = Grasp.from_mujoco(self._model, self._data, name, tau_max=self._given())
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", GraspForceWarning)  # the loop's reader notes it
+            limits = limits_of(self._motors, self._data)
+            grasp = Grasp.from_mujoco(self._model, self._data, name, tau_max=limits)
         gravity = self._model.opt.gravity
         f = np.append(-self._physics.mass * gravity, np.zeros(3))
         arm = float(np.linalg.norm(reader.points - reader.origin, axis=1).max())
@@ -383,10 +386,6 @@ class _Closing:
                 f"start: the contacts do not hold the weight of {name!r} within friction and the "
                 f"motors' limits ({reason}); {where}"
             )
-
-    def _given(self) -> dict[str, float]:
-        limits = limits_of(self._motors, *self._motors.limits(self._data))
-        return {name: limits[name] for name in self._reader.joint_names}
 
     def _where(self) -> str:
         """Say where each finger is."""

@@ -23,7 +23,8 @@ the same, the last good torques stay.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ from graspforce._util.arrays import Array, as_positive
 from graspforce.answers import firmness
 from graspforce.contact import ContactModel, cross, model_of, patch_weights
 from graspforce.control import ContactBook
-from graspforce.errors import InvalidInputError, ModelImportError
+from graspforce.errors import GraspForceWarning, InvalidInputError, ModelImportError
 from graspforce.hands.hand import Actuation
 from graspforce.hands.mujoco.contacts import Indices
 from graspforce.hands.mujoco.grasp import MujocoGrasp
@@ -145,9 +146,7 @@ class HandLoop:
         self.motors = MujocoMotors(model, tau_max=tau_max)
         self.joint_names = self.motors.joint_names
         self.tau_lo, self.tau_hi = self.motors.limits(data)
-        self.reader = MujocoGrasp(
-            model, data, body, self.joint_names, limits_of(self.motors, self.tau_lo, self.tau_hi)
-        )
+        self.reader = quiet_reader(model, data, body, self.motors)
         self._gains = Gains() if gains is None else gains
         self._dt = 1 / (1 / model.opt.timestep if rate is None else as_positive(rate, "rate", "Hz"))
         self._gains.require_ticks(self._dt)
@@ -249,12 +248,13 @@ class HandLoop:
 
     def _open_book(self, seen: Seen, pose: Pose) -> None:
         """Make slots for what touches, and see which motors move it."""
-        model, slots = self._model, dict[int, int]()
         balls = (int(mj.mjtGeom.mjGEOM_SPHERE), int(mj.mjtGeom.mjGEOM_ELLIPSOID))
-        for geom, body in zip(self.reader.geoms[:, 0].tolist(), seen.bodies.tolist(), strict=True):
-            slots[body] = slots.get(body, 0) + 1
-            if int(model.geom_type[geom]) not in balls:
-                slots[body] = max(slots[body], _FACE_SLOTS)
+        faces = ~np.isin(self._model.geom_type[self.reader.geoms[:, 0]], balls)
+        slots: dict[Hashable, int] = {}
+        for body in dict.fromkeys(seen.bodies.tolist()):
+            of_body = seen.bodies == body
+            least = _FACE_SLOTS if faces[of_body].any() else 1
+            slots[body] = max(int(of_body.sum()), least)
         # A force falls with its ceiling: the ramp leaves it the time that its rate needs.
         ramp = max(1.2 * self._c_max / self._gains.force_rate, self._dt)
         self.book = ContactBook(dict(slots), ramp=ramp)
@@ -462,8 +462,21 @@ def softness(weight: float, arm: float) -> Array:
     return _SOFTNESS * weight * np.array([1.0, 1.0, 1.0, arm, arm, arm])
 
 
-def limits_of(motors: MujocoMotors, lo: Array, hi: Array) -> dict[str, float]:
+def quiet_reader(model: Any, data: Any, body: str, motors: MujocoMotors) -> MujocoGrasp:
+    """Return a reader for all motors; its ``notes`` have what it would warn of.
+
+    Raises:
+        InvalidInputError: as :class:`MujocoGrasp`.
+        ModelImportError: a motor without a limit.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", GraspForceWarning)
+        return MujocoGrasp(model, data, body, motors.joint_names, limits_of(motors, data))
+
+
+def limits_of(motors: MujocoMotors, data: Any) -> dict[str, float]:
     """Return the limits that a reader needs besides those that it finds in the model."""
+    lo, hi = motors.limits(data)
     most = np.maximum(np.abs(lo), np.abs(hi))
     for name, limit in zip(motors.joint_names, most.tolist(), strict=True):
         if limit == np.inf:

@@ -157,6 +157,8 @@ class Log:
         columns: dict[str, Array] = {}
         for name in _PER_TICK:
             values: Any = getattr(self, name)
+            if values.dtype == bool:
+                values = values.astype(np.int64)
             for index in np.ndindex(values.shape[1:]):
                 ending = [str(k + 1) for k in index]
                 if name in _IN_AXES:

@@ -55,7 +55,7 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
             first_failure = (
                 f"; tick {tick} was the first without forces: {command.solution.message}"
             )
-        side.write(log, tick, command)
+        side.write(log, tick)
         log.tau[tick], log.kept[tick], log.slip[tick] = command.tau, command.kept, slip
         tau = disturbance.delayed(command.tau)
         for _ in range(trial.substeps):
@@ -104,7 +104,8 @@ class _NamedFingers:
     def decide(self, t: float, pose: Pose) -> Command:
         """Return what the controller decides from the measurements."""
         touches = self.disturbance.touches(self._touches)
-        return self._controller.step(t, self.disturbance.pose(pose), touches)
+        self._decided = self._controller.step(t, self.disturbance.pose(pose), touches)
+        return self._decided
 
     def step(self, tau: Array) -> None:
         """Advance the physics by a step."""
@@ -116,10 +117,11 @@ class _NamedFingers:
         """Return the slip of every fingertip on the object in one physics step, shape (n,) [m]."""
         return _slip_increments(self.world, pose, self._touches)
 
-    def write(self, log: Log, tick: int, command: Command) -> None:
-        """Log the contacts of a tick."""
-        log.engagement[tick] = command.engagement
-        for i, (touch, contact) in enumerate(zip(self._touches, command.contacts, strict=True)):
+    def write(self, log: Log, tick: int) -> None:
+        """Log the contacts of the tick that was decided last."""
+        log.engagement[tick] = self._decided.engagement
+        contacts = self._decided.contacts
+        for i, (touch, contact) in enumerate(zip(self._touches, contacts, strict=True)):
             log.point[tick, i] = contact.point
             log.normal[tick, i] = contact.normal
             log.clearance[tick, i] = 0.0 if touch is not None else self.world.clearance(i)
@@ -201,8 +203,8 @@ class _AnyHand:
         along = velocity - np.einsum("ij,ij->i", velocity, normals)[:, None] * normals
         return np.linalg.norm(along, axis=1) * book.present * self.world.model.opt.timestep
 
-    def write(self, log: Log, tick: int, command: HandCommand) -> None:
-        """Log the contacts of a tick."""
+    def write(self, log: Log, tick: int) -> None:
+        """Log the contacts of the tick that was decided last."""
         book = self.loop.book
         log.engagement[tick] = book.engagement
         log.point[tick], log.normal[tick] = book.points, book.frames[:, :, 0]
@@ -288,8 +290,10 @@ class _DisturbanceModel:
         if disturbance.dropout:
             there = self._random.random(len(there)) >= disturbance.dropout
         points = seen.points + self._noise(disturbance.position_noise, *seen.points.shape)
-        known = seen._replace(points=points, mu=seen.mu / disturbance.friction)
-        return Seen(*(each[there] for each in known))
+        return Seen(
+            points[there], seen.normals[there], seen.bodies[there],
+            seen.mu[there] / disturbance.friction, seen.gamma[there],
+        )  # fmt: skip
 
     def delayed(self, tau: Array) -> Array:
         """Return the torques of ``delay`` ticks ago; at the start the first ones."""

@@ -88,7 +88,6 @@ class MujocoMotors:
         self._motors = np.array(motors, dtype=np.intp)
         self._drive_of = np.array(drive_of, dtype=np.intp)
         self._first = np.array([drive_of.index(i) for i in range(len(names))], dtype=np.intp)
-        self._sum = np.eye(len(names))[:, self._drive_of]
         self._output = model.actuator_outadr[self._motors]
         self._input = model.actuator_ctrladr[self._motors]
         self._gear: Array = model.actuator_gear[self._output, 0]
@@ -132,8 +131,8 @@ class MujocoMotors:
         Args:
             data: the simulation's data, after ``mj_step1`` or ``mj_forward``.
         """
-        low, high = self._ends(*self._affine(data))
-        return np.maximum(self._sum @ low, self._lo), np.minimum(self._sum @ high, self._hi)
+        low, high = map(self._of_drives, self._ends(*self._affine(data)))
+        return np.maximum(low, self._lo), np.minimum(high, self._hi)
 
     def lengths(self, data: Any) -> Array:
         """Return where the joints and tendons are, shape (n,) [rad; m]."""
@@ -146,7 +145,7 @@ class MujocoMotors:
     def damping(self, data: Any) -> Array:
         """Return by how much the motors' torques fall with the joints' rates, shape (n,)."""
         by_rate = -(self._gain[:, 2] * data.ctrl[self._input] + self._bias[:, 2])
-        return self._sum @ (self._gear**2 * np.maximum(by_rate, 0.0))
+        return self._of_drives(self._gear**2 * np.maximum(by_rate, 0.0))
 
     def write(self, data: Any, tau: ArrayLike, dt: float, *, at_once: bool = False) -> Array:
         """Set the controls that make torques, and return the torques that they make.
@@ -170,8 +169,8 @@ class MujocoMotors:
         gain, bias = self._affine(data)
         low, high = self._ends(gain, bias)
         wanted = np.clip(wanted, self._lo, self._hi)
-        least, most = self._sum @ low, self._sum @ high
-        count = self._sum.sum(axis=1)[self._drive_of]
+        least, most = self._of_drives(low), self._of_drives(high)
+        count = np.bincount(self._drive_of)[self._drive_of]
         # Each motor's share; without limits, as much as any other.
         with np.errstate(invalid="ignore", divide="ignore"):
             share = np.clip((wanted - least) / (most - least), 0.0, 1.0)[self._drive_of]
@@ -186,7 +185,13 @@ class MujocoMotors:
         if len(self._lags):
             x = self._reached(data, x, time)
         made = np.clip(gain * x + bias, self._force[:, 0], self._force[:, 1])
-        return np.clip(self._sum @ (self._gear * made), self._lo, self._hi)
+        return np.clip(self._of_drives(self._gear * made), self._lo, self._hi)
+
+    def _of_drives(self, of_motors: Array) -> Array:
+        """Return the sums over each drive's motors, shape (n,)."""
+        sums: Array = np.zeros(len(self.joint_names))
+        np.add.at(sums, self._drive_of, of_motors)
+        return sums
 
     def _affine(self, data: Any) -> tuple[Array, Array]:
         """Return gain and bias of every motor as its joint is."""
@@ -234,7 +239,8 @@ class MujocoMotors:
 
     def _pace(self, data: Any, towards: Array, dt: float) -> Array:
         """Return the share of the way to their control that states go in dt, above 0."""
-        mj, prm = self._mj, self._model.actuator_dynprm[self._motors[self._lags]]
+        mj = self._mj
+        prm: Array = self._model.actuator_dynprm[self._motors[self._lags]]
         kinds, act = self._dynamics[self._lags], data.act[self._state[self._lags]]
         tau = np.maximum(prm[:, 0], 1e-9)
         muscle = kinds == int(mj.mjtDyn.mjDYN_MUSCLE)

@@ -21,8 +21,9 @@ from graspforce.sim.scenes.selection import select
 from graspforce.sim.trial import Disturbance, Push, Trial
 from graspforce.trajectory import GRAVITY, Move
 
-_NOISE = {"position_noise": 1e-3, "angle_noise": math.radians(1.0), "velocity_noise": 0.02,
-          "rate_noise": 0.3}  # fmt: skip
+_NOISE = Disturbance(
+    position_noise=1e-3, angle_noise=math.radians(1.0), velocity_noise=0.02, rate_noise=0.3
+)
 
 
 def disturbances(weight: float, rate: float) -> dict[str, tuple[str, Disturbance]]:
@@ -45,7 +46,7 @@ def disturbances(weight: float, rate: float) -> dict[str, tuple[str, Disturbance
             "the payload grows by half after 0.3 s", Disturbance(payload=1.5, payload_time=0.3),
         ),
         "friction": ("friction lower by 30 %", Disturbance(friction=0.7)),
-        "noise": ("noise: 1 mm, 1°, 20 mm/s, 0.3 rad/s", Disturbance(**_NOISE)),
+        "noise": ("noise: 1 mm, 1°, 20 mm/s, 0.3 rad/s", _NOISE),
         "delay": (late, Disturbance(delay=ticks)),
         "dropout": ("a tenth of the contacts is not seen, at random", Disturbance(dropout=0.1)),
     }  # fmt: skip
