@@ -26,7 +26,7 @@ from graspforce.sim.hand_loop import HandLoop
 from graspforce.sim.hand_models import HANDS, hand_model
 from graspforce.sim.log import Ending, Log, check_log_file
 from graspforce.sim.loop import run
-from graspforce.sim.render import check_video_file, save_still, save_video
+from graspforce.sim.render import check_video_file, picture, save_still, save_video
 from graspforce.sim.scenes import NAMES, get
 from graspforce.sim.scenes.own import load, own
 from graspforce.sim.trial import Disturbance, Finger, FingerSwing, Gains, Grip, Push, Trial
@@ -52,6 +52,7 @@ __all__ = [
     "hand_model",
     "load",
     "own",
+    "picture",
     "run",
     "save_still",
     "save_video",

@@ -210,12 +210,11 @@ class _Closing:
         driven[dofs] = True
         moved = self._reader.moved_by(np.arange(model.nbody))[:, driven].any(axis=1)
         moved &= ~self._reader.inside
-        touching = np.zeros(model.nbody, dtype=bool)
-        touching[model.geom_bodyid[_collides(model)]] = True
         hands: list[tuple[int, list[int]]] = []
         for root in dict.fromkeys(model.body_rootid[moved].tolist()):
-            bodies = np.flatnonzero(moved & (model.body_rootid == root)).tolist()
-            ends = [each for each in bodies if each not in set(model.body_parentid[bodies])]
+            bodies: list[int] = np.flatnonzero(moved & (model.body_rootid == root)).tolist()
+            parents: set[int] = set(model.body_parentid[bodies].tolist())
+            ends = [each for each in bodies if each not in parents]
             hands.append((_palm(model, ends), bodies))
         carrying = np.zeros(model.nv, dtype=bool)
         groups: dict[int, list[int]] = {}

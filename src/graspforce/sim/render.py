@@ -142,6 +142,20 @@ class Camera:
         return geom
 
 
+def picture(trial: Trial, log: Log, t: float) -> Image:
+    """Return a picture of the time t [s], shape (960, 1280, 3).
+
+    Raises:
+        InvalidInputError: a time that was not simulated.
+        RenderError: there is no OpenGL to draw with.
+    """
+    tick = round(t * trial.rate)
+    if not 0 <= tick < len(log.t):
+        raise InvalidInputError(f"t: got {t} s, expected 0 to {log.t[-1]:g} s")
+    with Camera(trial, log, 1280, 960) as camera:
+        return camera.image(tick)
+
+
 def save_still(trial: Trial, log: Log, path: str | Path, t: float) -> None:
     """Write a picture of the time t [s] to a .png of 1280 × 960 pixels.
 
@@ -153,12 +167,8 @@ def save_still(trial: Trial, log: Log, path: str | Path, t: float) -> None:
         MissingExtraError: imageio is not installed.
     """
     check_output(path, STILLS)
-    tick = round(t * trial.rate)
-    if not 0 <= tick < len(log.t):
-        raise InvalidInputError(f"t: got {t} s, expected 0 to {log.t[-1]:g} s")
     imageio = _imageio()
-    with Camera(trial, log, 1280, 960) as camera:
-        image = camera.image(tick)
+    image = picture(trial, log, t)
     with atomic_write(path) as temporary:
         temporary.write_bytes(imageio.imwrite("<bytes>", image, extension=".png"))
 

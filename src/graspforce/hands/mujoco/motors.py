@@ -241,7 +241,8 @@ class MujocoMotors:
         """Return the share of the way to their control that states go in dt, above 0."""
         mj = self._mj
         prm: Array = self._model.actuator_dynprm[self._motors[self._lags]]
-        kinds, act = self._dynamics[self._lags], data.act[self._state[self._lags]]
+        kinds = self._dynamics[self._lags]
+        act: Array = data.act[self._state[self._lags]]
         tau = np.maximum(prm[:, 0], 1e-9)
         muscle = kinds == int(mj.mjtDyn.mjDYN_MUSCLE)
         scale = 0.5 + 1.5 * np.clip(act, 0.0, 1.0)  # of a muscle's two time constants
