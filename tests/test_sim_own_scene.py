@@ -147,7 +147,8 @@ def test_sim_trials_that_do_not_fit_their_model(run):
         ({"model": "can.xml"}, "model: got a str, expected an mujoco.MjModel"),
         ({"start": np.zeros(3)}, r"start: got shape \(3,\), expected shape \(16,\)"),
         ({"fingers": (*trial.fingers[:2], trial.fingers[0])}, "fingers: got 'a1' twice"),
-        ({"fingers": (), "grips": ()}, "fingers: got none"),
+        ({"fingers": (), "grips": (), "ground": "floor"}, "fingers: got none, expected them"),
+        ({"motion": None}, "motion: missing; fingers came without it"),
     ):
         with pytest.raises(gf.InvalidInputError, match=message):
             dataclasses.replace(trial, **change)

@@ -278,7 +278,9 @@ def cross(a: Array, b: Array) -> Array:
     )
 
 
-def patch_weights(normals: Array, links: Sequence[object]) -> Array:
+def patch_weights(
+    normals: Array, links: Sequence[object], engagement: Array | None = None
+) -> Array:
     """Return the weights of the cones with which contacts of one patch share 1, shape (n,).
 
     How many points stand for one patch is a matter of the simulator's collision geometry. Contacts
@@ -290,11 +292,13 @@ def patch_weights(normals: Array, links: Sequence[object]) -> Array:
     Args:
         normals: unit normals, shape (n, 3).
         links: what makes each contact, n names or numbers.
+        engagement: how much each counts as a contact, above 0, shape (n,); all the same by default.
     """
     together = np.array([[one == other for other in links] for one in links], dtype=float)
     near, far = np.cos(PATCH_ANGLES)
     together *= np.clip((normals @ normals.T - far) / (near - far), 0.0, 1.0)
-    return 1 / together.sum(axis=1)
+    counts = np.ones(len(normals)) if engagement is None else engagement
+    return counts / (together @ counts)
 
 
 def contact_starts(models: Sequence[ContactModel]) -> list[int]:

@@ -143,31 +143,36 @@ class Circle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Move:
-    """A straight line from rest to rest, with continuous acceleration.
+    """A straight line, and a turn about the vertical, from rest to rest.
+
+    The acceleration is continuous.
 
     Args:
         start: shape (3,) [m].
         way: from there to the end, shape (3,) [m].
         begin: time at which the motion begins [s].
         duration: of the motion [s].
+        yaw: of the whole turn [rad].
     """
 
     start: Array
     way: Array
     begin: float
     duration: float
+    yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        _check(self, vectors=("start", "way"), numbers=("begin",), positive=("duration",))
+        _check(self, vectors=("start", "way"), numbers=("begin", "yaw"), positive=("duration",))
 
     def at(self, t: float) -> State:
         """Return the state at time t [s]."""
         s = min(max((_number(t, "t") - self.begin) / self.duration, 0.0), 1.0)
+        share = s**3 * (10 - 15 * s + 6 * s**2)
+        rate = 30 * s**2 * (1 - s) ** 2 / self.duration
+        curve = 60 * s * (1 - s) * (1 - 2 * s) / self.duration**2
         return State(
-            self.start + s**3 * (10 - 15 * s + 6 * s**2) * self.way,
-            30 * s**2 * (1 - s) ** 2 / self.duration * self.way,
-            60 * s * (1 - s) * (1 - 2 * s) / self.duration**2 * self.way,
-            0.0, 0.0, 0.0,
+            self.start + share * self.way, rate * self.way, curve * self.way,
+            share * self.yaw, rate * self.yaw, curve * self.yaw,
         )  # fmt: skip
 
 

@@ -51,6 +51,7 @@ class ContactBook:
             tick mean the same in the next.
         engagement: 0 to 1, shape (n,).
         present: whether something touched at the last update, shape (n,).
+        slots: the slot of each contact of the last update, −1 without one, shape (k,).
         without_slot: how many contacts of the last update found no slot of their link free.
 
     Raises:
@@ -86,6 +87,7 @@ class ContactBook:
         self._position, self._rotation = np.zeros(3), _WORLD
         self._started = False
         self.engagement = np.zeros(n)
+        self.slots = np.zeros(0, dtype=np.intp)
         self.without_slot = 0
 
     @property
@@ -145,7 +147,7 @@ class ContactBook:
         seen, directions = (seen - where) @ R, directions @ R
         self._position, self._rotation = where, R
 
-        matched = self._match(seen, links)
+        matched = self.slots = self._match(seen, links)
         found = matched >= 0
         slots = matched[found]
         self._missing += step

@@ -12,6 +12,7 @@ from graspforce.hands.hand import (
 from graspforce.hands.imported import ImportedHand
 from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.hand import from_mjcf
+from graspforce.hands.mujoco.motors import MujocoMotors
 from graspforce.hands.paper import PaperHand
 from graspforce.hands.pinocchio.grasp import PinocchioGrasp
 from graspforce.hands.pinocchio.hand import from_urdf
@@ -22,6 +23,7 @@ __all__ = [
     "ImportedHand",
     "LoadedHand",
     "MujocoGrasp",
+    "MujocoMotors",
     "PaperHand",
     "PinocchioGrasp",
     "RedundantHand",

@@ -57,12 +57,14 @@ class Command:
         solution: of the force problem.
         contacts: where the forces act, world axes.
         engagement: shape (n,).
+        kept: whether the forces had no answer, and ``tau`` is that of the last tick that had one.
     """
 
     tau: Array
     solution: Solution
     contacts: tuple[Contact, ...]
     engagement: Array
+    kept: bool
 
 
 class Controller:
@@ -87,11 +89,11 @@ class Controller:
         self._normals = [grip.normal for grip in trial.grips]
         self._tangents = [any_tangent(grip.normal) for grip in trial.grips]
         self._servo: Servo | MinimumNormServo | None = None
-        self._c = np.zeros(3 * len(trial.fingers))
+        self._tau: Array | None = None
 
     def step(self, t: float, pose: Pose, touches: list[Touch | None]) -> Command:
         """Return the torques of the tick at time t [s] from what is measured."""
-        target = self._trial.motion.at(t)
+        target = self._trial.target(t)
         acceleration, f = self._wrench(target, pose)
         engagement = self._engagement(t, touches)
         contacts = self._contacts(pose, touches, engagement)
@@ -99,10 +101,13 @@ class Controller:
         J = self._world.contact_jacobian(contacts)
         bias = self._bias_torques(t, pose, touches, acceleration, contacts, engagement)
         solution = self._distribute(f, W, J, bias, engagement)
-        if solution.status is Status.SOLVED:
-            self._c = solution.c
-        tau = J.T @ (self._c * np.repeat(~is_removed(engagement), 3)) + bias
-        return Command(tau, solution, contacts, engagement)
+        kept = solution.status is not Status.SOLVED
+        if not kept:
+            self._tau = J.T @ (solution.c * np.repeat(~is_removed(engagement), 3)) + bias
+        elif self._tau is None:  # no forces ever: what the joints need for themselves
+            grasp = self._world.grasp
+            self._tau = np.clip(bias, grasp.tau_lo, grasp.tau_hi)
+        return Command(self._tau, solution, contacts, engagement, kept)
 
     # ---- 1  the wrench ---------------------------------------------------------------------
 
@@ -141,7 +146,7 @@ class Controller:
         self, pose: Pose, touches: list[Touch | None], engagement: Array
     ) -> tuple[Contact, ...]:
         """Return where the fingers touch; where one does not, where it last did."""
-        R, model = pose.rotation, PCWF(self._trial.mu)
+        R, model = pose.rotation, PCWF(self._trial.assumed_mu)
         contacts: list[Contact] = []
         for i, touch in enumerate(touches):
             if touch is not None:
@@ -160,8 +165,8 @@ class Controller:
         changes: dict[str, Any] = {} if trial.c_max is None else {"engagement": engagement}
         if self._servo is None:
             problem = ForceProblem(
-                W, f, PCWF(trial.mu), J, grasp.tau_lo, grasp.tau_hi, bias,
-                c_max=trial.c_max, alpha=trial.alpha, **changes,
+                W, f, PCWF(trial.assumed_mu), J, grasp.tau_lo, grasp.tau_hi, bias,
+                c_max=trial.c_max, alpha=5.0 if trial.alpha is None else trial.alpha, **changes,
             )  # fmt: skip
             self._servo = (Servo if trial.method == "wbf" else MinimumNormServo)(problem)
         return self._servo.step(f=f, W=W, J=J, tau_bias=bias, **changes)
@@ -185,7 +190,7 @@ class Controller:
             weight = float(engagement[i])
             point, wanted = contact.point, np.zeros(3)
             if self._gains.feed_forward:
-                wanted = weight * _point_acceleration(acceleration, pose, point)
+                wanted = weight * point_acceleration(acceleration, pose, point)
             if weight > 0 and touches[i] is None:  # contact lost: damp the way back to the object
                 relative_velocity = world.tip_velocity(i, point) - pose.point_velocity(point)
                 wanted = wanted - weight * self._gains.swing_damping * relative_velocity
@@ -230,7 +235,7 @@ class Controller:
         centre, radius = world.tip(finger)
 
         def path(time: float) -> Array:
-            target = self._trial.motion.at(time)
+            target = self._trial.target(time)
             return target.position + target.rotation @ swing_point(swing, time, radius)
 
         before, now, after = path(t - _HALF_INTERVAL), path(t), path(t + _HALF_INTERVAL)
@@ -278,7 +283,7 @@ def rotation_vector(R: Array) -> Array:
     return vector
 
 
-def _point_acceleration(acceleration: Array, pose: Pose, point: Array) -> Array:
+def point_acceleration(acceleration: Array, pose: Pose, point: Array) -> Array:
     """Return the acceleration of the object's material at a point, shape (3,) [m/s²]."""
     arm, omega = point - pose.position, pose.angular_velocity
     return acceleration[:3] + cross(acceleration[3:], arm) + cross(omega, cross(omega, arm))

@@ -59,6 +59,8 @@ class Log:
         slip: distance that every tip has slipped since contact was made, shape (T, n) [m].
         newton_steps: of the force problem (iterations of the minimum-norm SOCP), shape (T,).
         status: values of :class:`graspforce.Status`, shape (T,).
+        kept: whether the tick's forces had no answer, and its torques are those of the last tick
+            that had one, shape (T,).
         ending: how it ended.
         message: why, with the tick, when it did not complete.
     """
@@ -83,6 +85,7 @@ class Log:
     slip: Array
     newton_steps: NDArray[np.int64]
     status: NDArray[np.int64]
+    kept: NDArray[np.bool_]
     ending: Ending = Ending.COMPLETED
     message: str = ""
 
@@ -110,7 +113,7 @@ class Log:
             engagement=zeros(n), force=zeros(n, 3), normal_force=zeros(n), point=zeros(n, 3),
             normal=zeros(n, 3), clearance=zeros(n), tau=zeros(len(tau_max)), tau_max=tau_max,
             slip=zeros(n), c=np.empty((0, 3 * n)), newton_steps=np.empty(0, np.int64),
-            status=np.empty(0, np.int64),
+            status=np.empty(0, np.int64), kept=np.zeros(ticks, dtype=bool),
         )  # fmt: skip
 
     def ended(self, ticks: int, ending: Ending, message: str) -> Log:
@@ -154,6 +157,8 @@ class Log:
         columns: dict[str, Array] = {}
         for name in _PER_TICK:
             values: Any = getattr(self, name)
+            if values.dtype == bool:
+                values = values.astype(np.int64)
             for index in np.ndindex(values.shape[1:]):
                 ending = [str(k + 1) for k in index]
                 if name in _IN_AXES:

@@ -7,16 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.sim.controller import Command, Controller, rotation_vector
+from graspforce.sim.hand_loop import HandCommand, HandLoop, Seen
 from graspforce.sim.log import Ending, Log
 from graspforce.sim.mujoco_import import mj, silenced_warnings
 from graspforce.sim.trial import Trial
-from graspforce.sim.world import Pose, Touch, World
+from graspforce.sim.world import Physics, Pose, Touch, World
 from graspforce.solution import Solution
 from graspforce.solution.columns import Columns
-from graspforce.trajectory import State
 
 # Beyond this distance from its target, or angle, the object counts as dropped.
 DROPPED_DISTANCE = 0.05  # [m]
@@ -38,52 +37,188 @@ def run(trial: Trial, progress: Callable[[int], None] | None = None) -> Log:
 
 
 def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
-    world = World(trial)
-    controller = Controller(trial, world)
-    disturbance = _DisturbanceModel(trial, world)
-    log = Log.blank(trial.ticks, trial.model.nq, len(trial.fingers), world.tau_max)
-    slip = np.zeros(len(trial.fingers))
-    pose, touches = world.pose(), world.touches()
+    side = _NamedFingers(trial) if trial.fingers else _AnyHand(trial)
+    world, disturbance = side.world, side.disturbance
+    log = Log.blank(trial.ticks, trial.model.nq, side.contacts, side.tau_max)
+    slip = np.zeros(side.contacts)
+    pose = world.pose()
     solutions: list[Solution] = []
     ending, message = Ending.COMPLETED, ""
     first_failure = ""  # the first tick without forces, often the cause
     for tick in range(trial.ticks):
         t = tick / trial.rate
-        command = controller.step(t, *disturbance.measured(pose, touches))
+        target = side.target(t)
+        _write_pose(log, tick, t, *target, pose, world)
+        command = side.decide(t, pose)
         solutions.append(command.solution)
-        if command.solution.status is not Status.SOLVED and not first_failure:
+        if command.kept and not first_failure:
             first_failure = (
                 f"; tick {tick} was the first without forces: {command.solution.message}"
             )
+        side.write(log, tick)
+        log.tau[tick], log.kept[tick], log.slip[tick] = command.tau, command.kept, slip
         tau = disturbance.delayed(command.tau)
-        _write(log, tick, t, trial.motion.at(t), pose, touches, command, slip, world)
         for _ in range(trial.substeps):
             disturbance.apply(world.data.time)
-            world.step(tau)
+            side.step(tau)
             if world.failure():
                 break
-            pose, touches = world.pose(), world.touches()
-            slip = (slip + _slip_increments(world, pose, touches)) * (command.engagement > 0)
-        log.force[tick] = world.forces
-        log.normal_force[tick] = np.einsum("ij,ij->i", world.forces, log.normal[tick])
+            pose = world.pose()
+            slip = (slip + side.slip_increments(pose)) * (log.engagement[tick] > 0)
+        log.force[tick] = side.forces
+        log.normal_force[tick] = np.einsum("ij,ij->i", side.forces, log.normal[tick])
         if progress is not None:
             progress(tick)
-        lost = [
-            finger.tip
-            for finger, touch, share in zip(trial.fingers, touches, command.engagement, strict=True)
-            if touch is None and share > 0
-        ]
+        lost = side.lost(log.engagement[tick])
         ending, cause = _ending(world, log.position_error[tick], log.rotation_error[tick], lost)
         if ending is not Ending.COMPLETED:
             message = f"at tick {tick} ({t:.3f} s) {cause}{first_failure}"
             break
     columns = Columns(solutions)
     log.c, log.newton_steps, log.status = columns.c, columns.newton_steps, columns.status
+    log.tau_max = side.tau_max
     return log.ended(len(columns), ending, message)
 
 
+class _NamedFingers:
+    """A trial whose fingers are named and make a contact each."""
+
+    def __init__(self, trial: Trial) -> None:
+        self._trial = trial
+        self.world = World(trial)
+        self.disturbance = _DisturbanceModel(trial, self.world)
+        self._controller = Controller(trial, self.world)
+        self._touches = self.world.touches()
+        self.contacts, self.tau_max = len(trial.fingers), self.world.tau_max
+
+    @property
+    def forces(self) -> Array:
+        """Contact forces of the last physics step, world axes, shape (n, 3) [N]."""
+        return self.world.forces
+
+    def target(self, t: float) -> tuple[Array, Array]:
+        """Return where the object should be, and how turned."""
+        state = self._trial.target(t)
+        return state.position, state.rotation
+
+    def decide(self, t: float, pose: Pose) -> Command:
+        """Return what the controller decides from the measurements."""
+        touches = self.disturbance.touches(self._touches)
+        self._decided = self._controller.step(t, self.disturbance.pose(pose), touches)
+        return self._decided
+
+    def step(self, tau: Array) -> None:
+        """Advance the physics by a step."""
+        self.world.step(tau)
+        if not self.world.failure():
+            self._touches = self.world.touches()
+
+    def slip_increments(self, pose: Pose) -> Array:
+        """Return the slip of every fingertip on the object in one physics step, shape (n,) [m]."""
+        return _slip_increments(self.world, pose, self._touches)
+
+    def write(self, log: Log, tick: int) -> None:
+        """Log the contacts of the tick that was decided last."""
+        log.engagement[tick] = self._decided.engagement
+        contacts = self._decided.contacts
+        for i, (touch, contact) in enumerate(zip(self._touches, contacts, strict=True)):
+            log.point[tick, i] = contact.point
+            log.normal[tick, i] = contact.normal
+            log.clearance[tick, i] = 0.0 if touch is not None else self.world.clearance(i)
+
+    def lost(self, engagement: Array) -> list[str]:
+        """Return the fingertips that should touch and do not."""
+        return [
+            finger.tip
+            for finger, touch, share in zip(
+                self._trial.fingers, self._touches, engagement, strict=True
+            )
+            if touch is None and share > 0
+        ]
+
+
+class _AnyHand:
+    """A trial in which whatever touches holds the object."""
+
+    def __init__(self, trial: Trial) -> None:
+        self.world = Physics(trial.model, trial.start, trial.body)
+        model, data = self.world.model, self.world.data
+        mj.mj_forward(model, data)
+        self.loop = HandLoop(
+            model, data, trial.body, trial.motion, mu=trial.mu, alpha=trial.alpha,
+            c_max=trial.c_max, gains=trial.gains, rate=trial.rate,
+        )  # fmt: skip
+        self.loop.write(self.loop.first_torques(), at_once=True)
+        self.disturbance = _DisturbanceModel(trial, self.world)
+        self.contacts = len(self.loop.links)
+        self.forces = np.zeros((self.contacts, 3))
+        self._start_moving()
+
+    def _start_moving(self) -> None:
+        """Begin at rest: what moves afterwards, the law has moved."""
+        mj.mj_step1(self.world.model, self.world.data)
+        self.loop.read()
+
+    @property
+    def tau_max(self) -> Array:
+        """The larger torque limit of every motor, as the joints are, shape (n_joints,)."""
+        return np.maximum(np.abs(self.loop.tau_lo), np.abs(self.loop.tau_hi))
+
+    def target(self, t: float) -> tuple[Array, Array]:
+        """Return where the object should be, and how turned."""
+        return self.loop.target(t)
+
+    def decide(self, t: float, pose: Pose) -> HandCommand:
+        """Return what the loop decides from the measurements."""
+        seen = self.disturbance.seen(self.loop.seen())
+        return self.loop.decide(t, self.disturbance.pose(pose), seen)
+
+    def step(self, tau: Array) -> None:
+        """Advance the physics by a step."""
+        model, data, loop = self.world.model, self.world.data, self.loop
+        loop.write(tau)
+        mj.mj_step2(model, data)
+        if self.world.failure():
+            return
+        # Only between these two are the forces those of the contacts that the data list.
+        each = loop.reader.forces_world(data)
+        self.forces[:] = 0.0
+        slots, seen = loop.book.slots, loop.reader.points
+        if len(slots) == len(seen):
+            found = slots >= 0
+            np.add.at(self.forces, slots[found], each[found])
+        mj.mj_step1(model, data)
+        if not self.world.failure():
+            loop.read()
+
+    def slip_increments(self, pose: Pose) -> Array:
+        """Return how far what touches slid on the object in one physics step, shape (n,) [m]."""
+        book, data = self.loop.book, self.world.data
+        points, normals = book.points, book.frames[:, :, 0]
+        bodies = np.array(book.links, dtype=np.intp)
+        root = self.world.model.body_rootid[bodies]
+        about, linear = data.cvel[bodies, :3], data.cvel[bodies, 3:]
+        velocity = linear + np.cross(about, points - data.subtree_com[root])
+        velocity -= pose.velocity + np.cross(pose.angular_velocity, points - pose.position)
+        along = velocity - np.einsum("ij,ij->i", velocity, normals)[:, None] * normals
+        return np.linalg.norm(along, axis=1) * book.present * self.world.model.opt.timestep
+
+    def write(self, log: Log, tick: int) -> None:
+        """Log the contacts of the tick that was decided last."""
+        book = self.loop.book
+        log.engagement[tick] = book.engagement
+        log.point[tick], log.normal[tick] = book.points, book.frames[:, :, 0]
+
+    def lost(self, engagement: Array) -> list[str]:
+        """Return the links that should touch and do not."""
+        del engagement
+        touching = set(self.loop.seen().bodies.tolist())
+        names = dict(zip(self.loop.book.links, self.loop.links, strict=True))
+        return [name for body, name in names.items() if body not in touching]
+
+
 def _ending(
-    world: World, position_error: float, rotation_error: float, lost: list[str]
+    world: Physics, position_error: float, rotation_error: float, lost: list[str]
 ) -> tuple[Ending, str]:
     """Return whether and why the run ends; ``lost`` are the fingertips that should touch."""
     failure = world.failure()
@@ -101,9 +236,11 @@ def _ending(
 class _DisturbanceModel:
     """The trial's disturbance: forces on the object, noise of the sensors, delay of the torques."""
 
-    def __init__(self, trial: Trial, world: World) -> None:
+    def __init__(self, trial: Trial, world: Physics) -> None:
         self._disturbance, self._world = trial.disturbance, world
         self._random = np.random.default_rng(trial.disturbance.seed)
+        self._gravity = np.array(world.model.opt.gravity)
+        world.multiply_friction(trial.disturbance.friction)
         self._delayed_torques: deque[Array] = deque()
         self._payload_applied = False
 
@@ -113,6 +250,10 @@ class _DisturbanceModel:
         if disturbance.payload != 1 and not self._payload_applied and t >= disturbance.payload_time:
             self._world.multiply_mass(disturbance.payload)
             self._payload_applied = True
+        if any(disturbance.shake):
+            phase = 2 * np.pi * disturbance.shake_frequency * t
+            sway = np.sin(phase) * np.array(disturbance.shake)
+            self._world.model.opt.gravity[:] = self._gravity - sway
         if disturbance.pushes:
             force = np.zeros(3)
             for push in disturbance.pushes:
@@ -121,23 +262,38 @@ class _DisturbanceModel:
                     force += np.sin(np.pi * s) * np.array(push.force)
             self._world.push(force)
 
-    def measured(self, pose: Pose, touches: list[Touch | None]) -> tuple[Pose, list[Touch | None]]:
-        """Return pose and contacts with the sensors' noise."""
+    def _noise(self, deviation: float, *shape: int) -> Array:
+        return self._random.normal(0.0, deviation, shape) if deviation else np.zeros(shape)
+
+    def pose(self, pose: Pose) -> Pose:
+        """Return the pose with the sensors' noise."""
         disturbance = self._disturbance
-
-        def noise(deviation: float) -> Array:
-            return self._random.normal(0.0, deviation, 3) if deviation else np.zeros(3)
-
-        noisy = Pose(
-            pose.position + noise(disturbance.position_noise),
-            _rotated(pose.rotation, noise(disturbance.angle_noise)),
-            pose.velocity + noise(disturbance.velocity_noise),
-            pose.angular_velocity + noise(disturbance.rate_noise),
+        return Pose(
+            pose.position + self._noise(disturbance.position_noise, 3),
+            _rotated(pose.rotation, self._noise(disturbance.angle_noise, 3)),
+            pose.velocity + self._noise(disturbance.velocity_noise, 3),
+            pose.angular_velocity + self._noise(disturbance.rate_noise, 3),
         )
-        return noisy, [
-            touch and Touch(touch.point + noise(disturbance.position_noise), touch.normal)
+
+    def touches(self, touches: list[Touch | None]) -> list[Touch | None]:
+        """Return the contacts of named fingers with the sensors' noise."""
+        deviation = self._disturbance.position_noise
+        return [
+            touch and Touch(touch.point + self._noise(deviation, 3), touch.normal)
             for touch in touches
         ]
+
+    def seen(self, seen: Seen) -> Seen:
+        """Return contacts as the sensors see them, with the friction that the loop knows."""
+        disturbance = self._disturbance
+        there = np.ones(len(seen.points), dtype=bool)
+        if disturbance.dropout:
+            there = self._random.random(len(there)) >= disturbance.dropout
+        points = seen.points + self._noise(disturbance.position_noise, *seen.points.shape)
+        return Seen(
+            points[there], seen.normals[there], seen.bodies[there],
+            seen.mu[there] / disturbance.friction, seen.gamma[there],
+        )  # fmt: skip
 
     def delayed(self, tau: Array) -> Array:
         """Return the torques of ``delay`` ticks ago; at the start the first ones."""
@@ -174,30 +330,16 @@ def _slip_increments(world: World, pose: Pose, touches: list[Touch | None]) -> A
     return slip
 
 
-def _write(
-    log: Log,
-    tick: int,
-    t: float,
-    target: State,
-    pose: Pose,
-    touches: list[Touch | None],
-    command: Command,
-    slip: Array,
-    world: World,
+def _write_pose(
+    log: Log, tick: int, t: float, position: Array, rotation: Array, pose: Pose, world: Physics
 ) -> None:
+    """Log where the object is and should be."""
     log.t[tick] = t
     log.qpos[tick] = world.data.qpos
     log.position[tick] = pose.position
     mj.mju_mat2Quat(log.quaternion[tick], pose.rotation.ravel())
-    log.target_position[tick] = target.position
-    log.position_error[tick] = np.linalg.norm(pose.position - target.position)
-    log.rotation_error[tick] = np.linalg.norm(rotation_vector(target.rotation @ pose.rotation.T))
+    log.target_position[tick] = position
+    log.position_error[tick] = np.linalg.norm(pose.position - position)
+    log.rotation_error[tick] = np.linalg.norm(rotation_vector(rotation @ pose.rotation.T))
     yaw = np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0])
     log.yaw[tick] = np.unwrap([log.yaw[tick - 1], yaw])[1] if tick else yaw
-    log.engagement[tick] = command.engagement
-    for i, (touch, contact) in enumerate(zip(touches, command.contacts, strict=True)):
-        log.point[tick, i] = contact.point
-        log.normal[tick, i] = contact.normal
-        log.clearance[tick, i] = 0.0 if touch is not None else world.clearance(i)
-    log.tau[tick] = command.tau
-    log.slip[tick] = slip

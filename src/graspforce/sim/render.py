@@ -115,7 +115,7 @@ class Camera:
         force = self._log.force[tick, finger]
         length = 0.3 * _size(self._trial)
         angles = np.linspace(0, 2 * math.pi, _FACETS + 1)
-        circle = self._trial.mu * np.array([np.cos(angles), np.sin(angles)])
+        circle = _friction(self._trial) * np.array([np.cos(angles), np.sin(angles)])
         frame = Contact(point, normal, FPC()).frame
         rim = length * (frame @ np.vstack((np.ones(_FACETS + 1), circle))).T
         for one, other in pairwise(rim):
@@ -142,6 +142,20 @@ class Camera:
         return geom
 
 
+def picture(trial: Trial, log: Log, t: float) -> Image:
+    """Return a picture of the time t [s], shape (960, 1280, 3).
+
+    Raises:
+        InvalidInputError: a time that was not simulated.
+        RenderError: there is no OpenGL to draw with.
+    """
+    tick = round(t * trial.rate)
+    if not 0 <= tick < len(log.t):
+        raise InvalidInputError(f"t: got {t} s, expected 0 to {log.t[-1]:g} s")
+    with Camera(trial, log, 1280, 960) as camera:
+        return camera.image(tick)
+
+
 def save_still(trial: Trial, log: Log, path: str | Path, t: float) -> None:
     """Write a picture of the time t [s] to a .png of 1280 × 960 pixels.
 
@@ -153,12 +167,8 @@ def save_still(trial: Trial, log: Log, path: str | Path, t: float) -> None:
         MissingExtraError: imageio is not installed.
     """
     check_output(path, STILLS)
-    tick = round(t * trial.rate)
-    if not 0 <= tick < len(log.t):
-        raise InvalidInputError(f"t: got {t} s, expected 0 to {log.t[-1]:g} s")
     imageio = _imageio()
-    with Camera(trial, log, 1280, 960) as camera:
-        image = camera.image(tick)
+    image = picture(trial, log, t)
     with atomic_write(path) as temporary:
         temporary.write_bytes(imageio.imwrite("<bytes>", image, extension=".png"))
 
@@ -254,8 +264,19 @@ def _write_mp4(path: Path, images: Iterator[Image]) -> None:
 
 def _size(trial: Trial) -> float:
     """Return the size of what is carried, as the distance between opposite contacts [m]."""
+    if not trial.grips:
+        model = trial.model
+        return float(model.geom_rbound[model.geom_bodyid == model.body(trial.body).id].max())
     points = np.array([grip.point for grip in trial.grips])
     return float(np.linalg.norm(points[:, None] - points, axis=-1).max())
+
+
+def _friction(trial: Trial) -> float:
+    """Return the coefficient whose cones are drawn: the controller's, or that of the object."""
+    if trial.fingers or trial.mu is not None:
+        return trial.assumed_mu
+    model = trial.model
+    return float(model.geom_friction[model.geom_bodyid == model.body(trial.body).id, 0].max())
 
 
 def _open_gl(model: Any) -> tuple[Any, Any]:

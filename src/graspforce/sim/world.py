@@ -20,6 +20,7 @@ from graspforce.contact import Contact, cross
 from graspforce.errors import ModelImportError
 from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.model import drives, is_plain_motor
+from graspforce.hands.mujoco.object import HeldObject
 from graspforce.sim.mujoco_import import mj
 from graspforce.sim.trial import Finger, Trial
 
@@ -60,12 +61,107 @@ class Pose:
         return self.velocity + cross(self.angular_velocity, point - self.position)
 
 
-class World:
-    """The running physics of a trial, with the names of the trial resolved to indices.
+class Physics:
+    """A running simulation with an object in it.
 
     Attributes:
-        model: the trial's model, copied.
+        model: the model, a copy.
         data: its state.
+        body: the number of the object's body.
+        inside: which bodies make up the object, shape (nbody,).
+    """
+
+    def __init__(self, model: Any, start: Array, body: str) -> None:
+        """Copy the model and put it at a configuration.
+
+        Args:
+            model: a compiled ``mujoco.MjModel``.
+            start: joint positions, shape (nq,).
+            body: the object's name.
+
+        Raises:
+            ModelImportError: there is no such body.
+        """
+        self.model = copy.copy(model)
+        self.data = mj.MjData(self.model)
+        self.data.qpos[:] = start
+        self.body = self._id("body", body)
+        self.inside = HeldObject(self.model, self.body).inside
+        self._velocity = np.zeros(6)
+
+    def _id(self, kind: str, name: str) -> int:
+        accessor = getattr(self.model, kind)
+        try:
+            return int(accessor(name).id)
+        except KeyError as error:
+            raise ModelImportError(f"{kind} {name!r}: not in the model; {error}") from error
+
+    def pose(self) -> Pose:
+        """Return pose and velocity of the object, or of the robot on its feet."""
+        return object_pose(self.model, self.data, self.body)
+
+    @property
+    def mass(self) -> float:
+        """Of the object, or of the whole robot on its feet [kg]."""
+        return float(self.model.body_subtreemass[self.body])
+
+    @property
+    def inertia(self) -> Array:
+        """About the centre of mass, world axes, shape (3, 3) [kg·m²]."""
+        return object_inertia(self.data, self.body)
+
+    def multiply_mass(self, factor: float) -> None:
+        """Make the object heavier, its inertia with it."""
+        self.model.body_mass[self.inside] *= factor
+        self.model.body_inertia[self.inside] *= factor
+        mj.mj_setConst(self.model, mj.MjData(self.model))
+
+    def multiply_friction(self, factor: float) -> None:
+        """Make everything rougher or smoother than the controller knows."""
+        self.model.geom_friction[:, 0] *= factor
+        self.model.pair_friction[:, :2] *= factor
+
+    def push(self, force: Array) -> None:
+        """Set the force on the object's centre of mass; it acts until the next call [N]."""
+        self.data.xfrc_applied[self.body, :3] = force
+
+    def failure(self) -> str:
+        """Return why the state is invalid; empty when it is valid."""
+        texts = {
+            mj.mjtWarning.mjWARN_BADQPOS: "a joint position is not finite or beyond 1e10",
+            mj.mjtWarning.mjWARN_BADQVEL: "a joint velocity is not finite or beyond 1e10",
+            mj.mjtWarning.mjWARN_BADQACC: "an acceleration is not finite or beyond 1e10",
+            mj.mjtWarning.mjWARN_CONTACTFULL: "MuJoCo's contact buffer is full",
+            mj.mjtWarning.mjWARN_CNSTRFULL: "MuJoCo's constraint buffer is full",
+        }
+        warnings: Any = self.data.warning
+        for kind, text in texts.items():
+            if warnings[kind].number:
+                return text
+        return ""
+
+
+def object_pose(model: Any, data: Any, body: int) -> Pose:
+    """Return pose and velocity of a body with all that hangs on it."""
+    velocity = np.zeros(6)
+    mj.mj_subtreeVel(model, data)
+    mj.mj_objectVelocity(model, data, mj.mjtObj.mjOBJ_XBODY, body, velocity, 0)
+    return Pose(
+        data.subtree_com[body].copy(), data.xmat[body].reshape(3, 3).copy(),
+        data.subtree_linvel[body].copy(), velocity[:3],
+    )  # fmt: skip
+
+
+def object_inertia(data: Any, body: int) -> Array:
+    """Return its inertia about the centre of mass, world axes, shape (3, 3) [kg·m²]."""
+    xx, yy, zz, xy, xz, yz = data.crb[body][:6]
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+class World(Physics):
+    """The running physics of a trial, with the names of its fingers resolved to indices.
+
+    Attributes:
         grasp: contacts, limits and bias torques in that state, joints in the trial's order.
         dofs: for each finger the indices of its degrees of freedom.
         columns: for each finger its joints' places in tau.
@@ -77,11 +173,8 @@ class World:
     """
 
     def __init__(self, trial: Trial) -> None:
-        self.model = copy.copy(trial.model)
-        self.data = mj.MjData(self.model)
-        self.data.qpos[:] = trial.start
+        super().__init__(trial.model, trial.start, trial.body)
         self.side = 1.0 if trial.ground is None else -1.0
-        self._body = self._id("body", trial.body)
         names = [name for finger in trial.fingers for name in finger.joints]
         joints = [self._id("joint", name) for name in names]
         self._dof: Indices = self.model.jnt_dofadr[joints].copy()
@@ -103,7 +196,7 @@ class World:
             self.dofs.append(self._dof[self.columns[-1]])
         self.tips = [self._tip(finger) for finger in trial.fingers]
         partners = (
-            np.flatnonzero(self.model.geom_bodyid == self._body)
+            np.flatnonzero(self.model.geom_bodyid == self.body)
             if trial.ground is None
             else [self._id("geom", trial.ground)]
         )
@@ -113,7 +206,7 @@ class World:
         self.forces = np.zeros((len(self.tips), 3))
         nv = self.model.nv
         self._jacobian, self._jacobian_dot = np.zeros((3, nv)), np.zeros((3, nv))
-        self._velocity, self._mass_matrix = np.zeros(6), np.zeros((nv, nv))
+        self._mass_matrix = np.zeros((nv, nv))
         self._start_moving(trial)
         mj.mj_step1(self.model, self.data)
         self.grasp = MujocoGrasp(
@@ -122,12 +215,12 @@ class World:
 
     def _start_moving(self, trial: Trial) -> None:
         """Give a free object the velocity that its motion begins with, and the fingers theirs."""
-        joint = self.model.body_jntadr[self._body]
+        joint = self.model.body_jntadr[self.body]
         if trial.ground is not None or self.model.jnt_type[joint] != mj.mjtJoint.mjJNT_FREE:
             return
         mj.mj_kinematics(self.model, self.data)
         mj.mj_comPos(self.model, self.data)
-        state = trial.motion.at(0.0)
+        state = trial.target(0.0)
         R, omega = state.rotation, state.angular_velocity
         dof = self.model.jnt_dofadr[joint]
         self.data.qvel[dof : dof + 6] = *state.velocity, *(R.T @ omega)
@@ -136,13 +229,6 @@ class World:
             velocity = state.velocity + cross(omega, arm)
             J = self.jacobian(i, state.position + arm)
             self.data.qvel[self.dofs[i]] = np.linalg.lstsq(J, velocity, rcond=None)[0]
-
-    def _id(self, kind: str, name: str) -> int:
-        accessor = getattr(self.model, kind)
-        try:
-            return int(accessor(name).id)
-        except KeyError as error:
-            raise ModelImportError(f"{kind} {name!r}: not in the model; {error}") from error
 
     def _motor(self, name: str) -> int:
         """Return the actuator of a joint: the only one, and one that takes a torque."""
@@ -179,39 +265,6 @@ class World:
         if self.model.geom_type[tip] != mj.mjtGeom.mjGEOM_SPHERE:
             raise ModelImportError(f"geom {finger.tip!r}: expected a sphere as a fingertip")
         return tip
-
-    # ---- the object ------------------------------------------------------------------------
-
-    def pose(self) -> Pose:
-        """Return pose and velocity of the object, or of the robot on its feet."""
-        data, body = self.data, self._body
-        mj.mj_subtreeVel(self.model, data)
-        mj.mj_objectVelocity(self.model, data, mj.mjtObj.mjOBJ_XBODY, body, self._velocity, 0)
-        return Pose(
-            data.subtree_com[body].copy(), data.xmat[body].reshape(3, 3).copy(),
-            data.subtree_linvel[body].copy(), self._velocity[:3].copy(),
-        )  # fmt: skip
-
-    @property
-    def mass(self) -> float:
-        """Of the object, or of the whole robot on its feet [kg]."""
-        return float(self.model.body_subtreemass[self._body])
-
-    @property
-    def inertia(self) -> Array:
-        """About the centre of mass, world axes, shape (3, 3) [kg·m²]."""
-        xx, yy, zz, xy, xz, yz = self.data.crb[self._body][:6]
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-    def multiply_mass(self, factor: float) -> None:
-        """Make the object heavier, its inertia with it."""
-        self.model.body_mass[self._body] *= factor
-        self.model.body_inertia[self._body] *= factor
-        mj.mj_setConst(self.model, mj.MjData(self.model))
-
-    def push(self, force: Array) -> None:
-        """Set the force on the object's centre of mass; it acts until the next call [N]."""
-        self.data.xfrc_applied[self._body, :3] = force
 
     # ---- the fingers -----------------------------------------------------------------------
 
@@ -297,18 +350,3 @@ class World:
         mj.mj_step1(self.model, self.data)
         if not self.failure():
             self.grasp.update(self.data)
-
-    def failure(self) -> str:
-        """Return why the state is invalid; empty when it is valid."""
-        texts = {
-            mj.mjtWarning.mjWARN_BADQPOS: "a joint position is not finite or beyond 1e10",
-            mj.mjtWarning.mjWARN_BADQVEL: "a joint velocity is not finite or beyond 1e10",
-            mj.mjtWarning.mjWARN_BADQACC: "an acceleration is not finite or beyond 1e10",
-            mj.mjtWarning.mjWARN_CONTACTFULL: "MuJoCo's contact buffer is full",
-            mj.mjtWarning.mjWARN_CNSTRFULL: "MuJoCo's constraint buffer is full",
-        }
-        warnings: Any = self.data.warning
-        for kind, text in texts.items():
-            if warnings[kind].number:
-                return text
-        return ""

@@ -60,11 +60,7 @@ class Contacts(NamedTuple):
 
     def wrenches(self, origin: Array) -> Array:
         """Return the wrench of each component of c about ``origin``, shape (m, 6)."""
-        wrenches = np.zeros((len(self.axes), 4, 6))
-        wrenches[:, :3, :3] = self.axes
-        wrenches[:, :3, 3:] = self.axes @ -cross_matrices(self.points - origin)
-        wrenches[:, 3, 3:] = self.axes[:, 0]
-        return wrenches[self._components]
+        return contact_wrenches(self.points, self.axes, self.dims, origin)
 
     def forces(self, model: Any, data: Any) -> Array:
         """Return the physics' contact forces, shape (m,).
@@ -79,12 +75,7 @@ class Contacts(NamedTuple):
         # round, so that of its components only that along x changes its sign.
         c[:, 1] *= self.side
         c[:, 0] -= self.pull
-        return c[:, :4][self._components]
-
-    @property
-    def _components(self) -> NDArray[np.bool_]:
-        """Which of [normal, x, y, torsion] each contact has, shape (n, 4): the first ones."""
-        return np.arange(4) < self.dims[:, None]
+        return c[:, :4][_components(self.dims)]
 
 
 class ContactReader:
@@ -149,6 +140,27 @@ class ContactReader:
                 force = adhesion_force(self._model, data, motor)
                 pulls[sharing] += force / int(sharing.sum())
         return pulls
+
+
+def contact_wrenches(points: Array, axes: Array, dims: Indices, origin: Array) -> Array:
+    """Return the wrench of each component of c about ``origin``, shape (m, 6).
+
+    Args:
+        points: shape (n, 3) [m].
+        axes: rows normal, x, y, shape (n, 3, 3).
+        dims: components of each contact, shape (n,).
+        origin: shape (3,) [m].
+    """
+    wrenches = np.zeros((len(axes), 4, 6))
+    wrenches[:, :3, :3] = axes
+    wrenches[:, :3, 3:] = axes @ -cross_matrices(points - origin)
+    wrenches[:, 3, 3:] = axes[:, 0]
+    return wrenches[_components(dims)]
+
+
+def _components(dims: Indices) -> NDArray[np.bool_]:
+    """Return which of [normal, x, y, torsion] each contact has, shape (n, 4): the first ones."""
+    return np.arange(4) < dims[:, None]
 
 
 def cross_matrices(arms: Array) -> Array:

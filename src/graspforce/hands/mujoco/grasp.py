@@ -31,7 +31,7 @@ from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips
 from graspforce.hands.limits import as_tau_max, has_motor
 from graspforce.hands.loops import HOPELESS, WORTH_SAYING, largest_gap, rows_of
-from graspforce.hands.mujoco.contacts import ContactReader, Indices
+from graspforce.hands.mujoco.contacts import ContactReader, Indices, contact_wrenches
 from graspforce.hands.mujoco.model import (
     Drive,
     StopReader,
@@ -230,6 +230,7 @@ class MujocoGrasp:
         bias = bias_forces(model, data)[hand.dofs]
         actuation = hand.motors.actuation(hand.transmission, full, bias)
         self._contacts, self._hand, self._screws = contacts, hand, screws
+        self._bias = bias
         self._gap, self._tied = gap, tied
         self.origin, self.actuation = origin, actuation
         self.motions = self._object.motions(data, moments, coupled)
@@ -299,6 +300,11 @@ class MujocoGrasp:
         return self._object.name
 
     @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Which bodies make up the object, shape (nbody,)."""
+        return self._object.inside
+
+    @property
     def pull(self) -> Array:
         """What adhesion holds each contact with as it is controlled now, shape (n,) [N]."""
         return self._contacts.pull
@@ -362,6 +368,41 @@ class MujocoGrasp:
         full *= np.repeat(self._acting[bodies][:, hand.dofs], dims, axis=0)
         return full @ hand.transmission.driven
 
+    def maps(
+        self, points: Array, axes: Array, dims: Indices, bodies: Indices
+    ) -> tuple[Array, Actuation]:
+        """Return W, and what the joints bring in, of contacts as arrays.
+
+        Args:
+            points: n of them, world axes, shape (n, 3) [m].
+            axes: rows normal, x, y, world axes, shape (n, 3, 3).
+            dims: components of each, 1, 3 or 4, shape (n,).
+            bodies: the number of the body that makes each, shape (n,).
+
+        Returns:
+            W, shape (6, m), and J, bias torques, passive rows and stops. Nothing is checked.
+        """
+        hand, wrenches = self._found, contact_wrenches(points, axes, dims, self.origin)
+        full = wrenches @ self._screws.T
+        full *= np.repeat(self._acting[bodies][:, hand.dofs], dims, axis=0)
+        actuation = hand.motors.actuation(hand.transmission, full, self._bias)
+        return np.ascontiguousarray(wrenches.T), actuation
+
+    @property
+    def friction(self) -> tuple[Array, Array]:
+        """The contacts' coefficients mu and gamma, each shape (n,)."""
+        return self._contacts.mu, self._contacts.gamma
+
+    def moved_by(self, bodies: Indices) -> NDArray[np.bool_]:
+        """Return which degrees of freedom move each of the bodies, shape (k, nv)."""
+        return self._acting[bodies] != 0
+
+    @property
+    def motion(self) -> tuple[Indices, Array]:
+        """Joints and how the motors move them: k degrees of freedom, and shape (k, n_joints)."""
+        hand = self._found
+        return hand.dofs, hand.transmission.driven
+
     def contact_forces(self, data: Any) -> Array:
         """Return the contact forces of the physics, shape (m,): what came of the forces asked for.
 
@@ -370,6 +411,14 @@ class MujocoGrasp:
                 by ``mj_step2``, which computes the forces.
         """
         return self._contacts.forces(self._model, data)
+
+    def forces_world(self, data: Any) -> Array:
+        """Return them as forces on the object in the world's axes, shape (n, 3) [N]."""
+        ends = np.cumsum(self.dims)
+        forces = self.W[:3] * self.contact_forces(data)
+        return (
+            np.add.reduceat(forces, ends - self.dims, axis=1).T if len(ends) else np.zeros((0, 3))
+        )
 
     def joints_without_motor(self) -> tuple[str, ...]:
         """Return the joints that move what touches where no motor moves any of them."""

@@ -1,0 +1,188 @@
+"""Hands of eight kinds in physics: what they hold, and against what people do today.
+
+Minutes: ``python benchmarks/hands.py``. The first table is the loop's: hold, move by 2 cm, turn
+by 20°, shake at 1 g. The second puts other ways to choose the forces into the same loop, with the
+same closing, law and motors, under disturbances:
+
+- constant squeeze: every contact's normal force is what it was at first, whatever the object needs;
+- position servo with an offset: the joints' positions at first, held by PD laws, and the torques at
+  first as the offset, no force control;
+- LP, 4 facets: the least sum of normal forces in friction pyramids with four facets (HiGHS).
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import time
+
+import mujoco
+import numpy as np
+from rich.table import Table
+from saving import show, writable
+
+from graspforce import sim
+from graspforce._engine.outcome import Status
+from graspforce.baselines import lp
+from graspforce.sim import loop as running
+from graspforce.sim.hand_loop import HandCommand, HandLoop
+
+MOTIONS = {name: ((0.0, 0.0, 0.02), 20.0) for name in sim.HANDS} | {"shadow": ((0, 0, -0.02), 0.0)}
+STUDIED = ("allegro", "panda", "palm")
+KINDS = ("none", "push", "payload", "friction", "delay")
+
+
+class ConstantSqueeze(HandLoop):
+    """The forces of the first tick, for ever."""
+
+    def decide(self, t, pose, seen):
+        if t == 0:
+            self._first = super().decide(t, pose, seen)
+            self._given = self._first.solution
+            return self._first
+        now = super().decide(t, pose, seen)
+        _, hand = self.reader.maps(
+            self.book.points, self.book.frames.transpose(0, 2, 1), self._dims, self._bodies
+        )
+        tau = hand.tau_bias + hand.J.T @ self._given.c
+        return now._replace(tau=np.clip(tau, self.tau_lo, self.tau_hi))
+
+
+class PositionServo(HandLoop):
+    """The positions of the first tick, by PD laws, with its torques as an offset."""
+
+    def decide(self, t, pose, seen):
+        now = super().decide(t, pose, seen)
+        dofs, driven = self.reader.motion
+        M = np.diag(self._inertia_of_motors(dofs, driven))
+        if t == 0:
+            self._offset = now.tau
+        off = self.motors.lengths(self._data) - self._lengths
+        tau = self._offset - M * (900.0 * off + 60.0 * self.motors.rates(self._data))
+        return HandCommand(np.clip(tau, self.tau_lo, self.tau_hi), now.solution, False)
+
+
+class FourFacets(HandLoop):
+    """The least sum of normal forces in pyramids."""
+
+    def _distribute(self, f, W, hand, bias):
+        ours = super()._distribute(f, W, hand, bias)
+        exact = ours.problem.replace(f_soft=0.0)
+        found = lp.solve(exact, facets=4)
+        return found if found.status is Status.SOLVED else dataclasses.replace(found)
+
+
+WAYS = {
+    "graspforce": HandLoop,
+    "constant squeeze": ConstantSqueeze,
+    "position servo": PositionServo,
+    "LP, 4 facets": FourFacets,
+}
+
+
+def run(trial: sim.Trial, way: type[HandLoop] = HandLoop) -> sim.Log:
+    """Run a trial with another way to choose the forces."""
+    ours, running.HandLoop = running.HandLoop, way
+    try:
+        return sim.run(trial)
+    finally:
+        running.HandLoop = ours
+
+
+def holding() -> Table:
+    table = Table(title=f"0.2 kg for 2 s, largest values of the run, MuJoCo {mujoco.__version__}")
+    for heading in (
+        "hand", "motion", "ending", "position", "rotation", "slip", "normal force", "torque",
+        "torque step", "kept", "close",
+    ):  # fmt: skip
+        table.add_column(heading, justify="left" if heading in ("hand", "motion") else "right")
+    for name in sim.HANDS:
+        model = sim.hand_model(name)
+        move, turn = MOTIONS[name]
+        options = {
+            "hold": {},
+            f"{1e3 * np.linalg.norm(move):.0f} mm{f', {turn:g}°' if turn else ''}": {
+                "move": move, "turn": turn
+            },
+            "shaken at 1 g, 2 Hz": {"shake": 1.0},
+            "10 % of contacts unseen": {"disturbance": "dropout"},
+        }  # fmt: skip
+        for motion, option in options.items():
+            begin = time.perf_counter()
+            (trial,) = sim.own(model, "object", duration=2.0, **option)
+            closing = time.perf_counter() - begin
+            log = run(trial)
+            steps = np.abs(np.diff(log.tau[1:], axis=0)).max()
+            table.add_row(
+                name, motion, log.verdict, f"{1e3 * log.position_error.max():.3f} mm",
+                f"{np.degrees(log.rotation_error.max()):.2f}°", f"{1e3 * log.slip.max():.3f} mm",
+                f"{log.normal_force.max():.1f} N", f"{100 * log.torque_use:.0f} %",
+                f"{steps:.3f}", str(int(log.kept.sum())), f"{closing:.1f} s",
+            )  # fmt: skip
+    return table
+
+
+def cell(log: sim.Log) -> str:
+    """Return the verdict, the slip and the largest normal force."""
+    if not log.held:
+        return "drops"
+    verdict = "holds" if log.verdict == "held" else "slips"
+    return f"{verdict} {1e3 * log.slip.max():.2f}, {log.normal_force.max():.1f} N"
+
+
+def against() -> Table:
+    table = Table(title="the same scenes by other ways: verdict, slip [mm], largest force of a contact")
+    for heading in ("hand", "disturbance", *WAYS):
+        table.add_column(heading)
+    for name in STUDIED:
+        model = sim.hand_model(name)
+        for kind in KINDS:
+            (trial,) = sim.own(
+                model, "object", move=(0, 0, 0.02), duration=1.0, disturbance=kind
+            )
+            table.add_row(name, kind, *(cell(run(trial, way)) for way in WAYS.values()))
+    return table
+
+
+def pace(name: str) -> tuple[int, np.ndarray]:
+    """Return contacts and times of a tick of the whole loop, paced at 1 kHz [µs]."""
+    model, data = sim.hand_model(name), None
+    data = mujoco.MjData(model)
+    data.qpos[:] = sim.close(model, "object")
+    mujoco.mj_forward(model, data)
+    loop = sim.HandLoop(model, data, "object")
+    times, due = [], time.perf_counter()
+    for _ in range(2000):
+        mujoco.mj_step1(model, data)
+        begin = time.perf_counter()
+        loop.step(data.time)
+        times.append(1e6 * (time.perf_counter() - begin))
+        mujoco.mj_step2(model, data)
+        due = max(due + 1e-3, time.perf_counter())
+        time.sleep(max(0.0, due - time.perf_counter()))
+    return int(loop.book.present.sum()), np.array(times[100:])
+
+
+def paced() -> Table:
+    table = Table(title="a tick of the whole loop in Python, paced at 1 kHz [µs]")
+    for heading in ("hand", "contacts", "p10", "p50", "p99"):
+        table.add_column(heading, justify="right")
+    for name in sim.HANDS:
+        contacts, times = pace(name)
+        table.add_row(
+            name, str(contacts), *(f"{np.percentile(times, q):.0f}" for q in (10, 50, 99))
+        )
+    return table
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--save", type=writable, help="write the tables to this file")
+    options = parser.parse_args()
+    show(holding(), against(), paced(), save=options.save, width=150)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,29 @@
+"""
+Position servos, like the LEAP hand
+===================================
+
+*For people with such a hand.* Needs ``pip install '.[sim]'``.
+
+Sixteen position servos and box-shaped tips, on an arm. Each tick tells every servo the position
+at which it makes the torque that the forces need, within its limit of 0.95 N·m.
+
+The hand closes on 0.2 kg, holds it, moves it, and holds it again.
+"""
+
+import matplotlib.pyplot as plt
+
+from graspforce import sim
+
+model = sim.hand_model("leap")  # or sim.load("your_scene.xml")
+(trial,) = sim.own(model, "object", move=(0, 0, 0.02), turn=20, duration=1.2)
+log = sim.run(trial)
+print(
+    log.verdict,
+    f"within {1e3 * log.position_error.max():.2f} mm, slip {1e3 * log.slip.max():.2f} mm",
+)
+
+largest = log.normal_force.max(axis=1)  # of the contacts in each tick
+print(f"largest normal force {largest[-1]:.1f} N, torque {100 * log.torque_use:.0f} % of the limit")
+plt.figure(figsize=(6.4, 4.8), layout="constrained")
+plt.imshow(sim.picture(trial, log, 1.0))
+plt.axis("off")

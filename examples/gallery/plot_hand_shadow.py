@@ -1,0 +1,30 @@
+"""
+A hand with tendons, like the Shadow hand
+=========================================
+
+*For people with such a hand.* Needs ``pip install '.[sim]'``.
+
+Two joints of each finger hang on one tendon and one motor, which makes one torque at both: what
+presses on the tip has to be about along the link between them. The twelve drives of the fingers
+are position servos, on a wrist and an arm.
+
+The hand closes on 0.2 kg, holds it, moves it, and holds it again.
+"""
+
+import matplotlib.pyplot as plt
+
+from graspforce import sim
+
+model = sim.hand_model("shadow")  # or sim.load("your_scene.xml")
+(trial,) = sim.own(model, "object", move=(0, 0, -0.02), duration=1.2)
+log = sim.run(trial)
+print(
+    log.verdict,
+    f"within {1e3 * log.position_error.max():.2f} mm, slip {1e3 * log.slip.max():.2f} mm",
+)
+
+largest = log.normal_force.max(axis=1)  # of the contacts in each tick
+print(f"largest normal force {largest[-1]:.1f} N, torque {100 * log.torque_use:.0f} % of the limit")
+plt.figure(figsize=(6.4, 4.8), layout="constrained")
+plt.imshow(sim.picture(trial, log, 1.0))
+plt.axis("off")

@@ -1,0 +1,487 @@
+"""The control law for any hand: whatever touches the object holds it, with all motors there are.
+
+Every tick,
+
+1. a PD law on the object's pose, with its weight and inertia, gives the wrench f;
+2. what touches is matched to slots of a fixed number (:class:`graspforce.control.ContactBook`),
+   and the reader (:class:`graspforce.hands.MujocoGrasp`) gives W and J at the slots' places;
+3. the servo distributes f over the slots, whose forces change no faster than ``force_rate``;
+4. the motors are sent what makes J.T c plus what the joints need for themselves
+   (:class:`graspforce.hands.MujocoMotors`): gravity and Coriolis torques, and the torques that move
+   the joints' own inertia so that every contact goes along with the object and the rest returns
+   to its posture.
+
+The last is one problem for hand and arm: of all joint accelerations that move the contacts as the
+object's material moves there, the one nearest, in the metric of the inertia, to a PD law on the
+posture. Fingers that can follow the object do, and the arm rests; jaws that cannot are carried by
+the arm. Joints that move nothing that touches are held by the posture law alone.
+
+W c = f may be missed by a hundredth of the weight: two points that cannot twist the object, or a
+load beyond what the hand can hold, then leave the nearest there is. Where a tick has no answer all
+the same, the last good torques stay.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Hashable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_positive
+from graspforce.answers import firmness
+from graspforce.contact import ContactModel, cross, model_of, patch_weights
+from graspforce.control import ContactBook
+from graspforce.errors import GraspForceWarning, InvalidInputError, ModelImportError
+from graspforce.hands.hand import Actuation
+from graspforce.hands.mujoco.contacts import Indices
+from graspforce.hands.mujoco.grasp import MujocoGrasp
+from graspforce.hands.mujoco.motors import MujocoMotors
+from graspforce.problem import ForceProblem
+from graspforce.servo import Servo
+from graspforce.sim.controller import point_acceleration, rotation_vector
+from graspforce.sim.mujoco_import import mj
+from graspforce.sim.trial import Gains
+from graspforce.sim.world import Pose, object_inertia, object_pose
+from graspforce.solution import Solution
+from graspforce.trajectory import GRAVITY, Hold, Motion
+
+# Without other wishes: the largest normal force is this many times the least possible one, and no
+# contact pushes with more than so many times the object's weight.
+TIMES_LEAST = 2.0
+CEILING = 20.0
+# By which share of the weight W c = f may be missed.
+_SOFTNESS = 0.01
+# How many times that share, of its torque about the object, the forces may miss what no motor
+# controls, as joints of a tendon with springs: it gives way until it is in balance.
+_GIVING_WAY = 30.0
+# Upper bound on the effective mass at a contact: towards where hand and arm can hardly go [kg].
+_MAX_INERTIA = 1e4
+# How many contacts a link has room for that is no ball: what touches of a face comes and goes.
+_FACE_SLOTS = 4
+
+
+class Seen(NamedTuple):
+    """The contacts that a tick sees, k of them."""
+
+    points: Array
+    """shape (k, 3) [m]."""
+    normals: Array
+    """Into the object, shape (k, 3)."""
+    bodies: Indices
+    """What makes each."""
+    mu: Array
+    gamma: Array
+
+
+class HandCommand(NamedTuple):
+    """What one control tick decided."""
+
+    tau: Array
+    """What the motors are to give, in the order of ``joint_names``, shape (n_joints,)."""
+    solution: Solution
+    kept: bool
+    """Whether the forces of the tick had no answer, and ``tau`` is that of an earlier one."""
+
+
+class HandLoop:
+    """Holds and moves an object in a MuJoCo simulation, with whatever hand touches it.
+
+    Take the data with the object between the fingers (:func:`graspforce.sim.close`), and in every
+    tick let it write the controls::
+
+        loop = sim.HandLoop(model, data, "cube")
+        while data.time < 2:
+            mujoco.mj_step1(model, data)
+            loop.step(data.time)
+            mujoco.mj_step2(model, data)
+
+    Args:
+        model: the ``mujoco.MjModel``.
+        data: its ``mujoco.MjData``, after ``mj_step1`` or ``mj_forward``, fingers in contact.
+        body: the object's name.
+        motion: of the object's centre of mass, and its turn about the vertical from how it is
+            now; by default it stays.
+        mu: the coefficient of friction to count on [-]; by default what the model says of each
+            contact.
+        alpha: weight of the linear limits; by default that of a grip with twice the least force.
+        c_max: ceiling of every normal force [N]; by default 20 times the object's weight.
+        gains: of the control law.
+        rate: ticks a second; by default one each step of the simulation [Hz].
+        tau_max: torque limits besides the model's: one number for all, or by name [N·m; N].
+
+    Attributes:
+        reader: the grasp as of the last tick.
+        motors: what is sent to the model's actuators.
+        book: the slots of the contacts.
+        joint_names: the joints and tendons with motors, the order of tau.
+        holding: which of them move what touches, shape (n_joints,).
+        alpha: weight of the linear limits.
+        tau_lo: torque limits as the joints are, shape (n_joints,) [N·m; N].
+        tau_hi: likewise.
+
+    Raises:
+        InvalidInputError: nothing that a motor moves touches the object; ticks too long for the
+            gains; a name that is not there.
+        ModelImportError: an actuator of a kind, or without a limit, that no torque can be sent to.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        body: str,
+        motion: Motion | None = None,
+        *,
+        mu: float | None = None,
+        alpha: float | None = None,
+        c_max: float | None = None,
+        gains: Gains | None = None,
+        rate: float | None = None,
+        tau_max: float | Mapping[str, float] | None = None,
+    ) -> None:
+        self._model, self._data = model, data
+        self.motors = MujocoMotors(model, tau_max=tau_max)
+        self.joint_names = self.motors.joint_names
+        self.tau_lo, self.tau_hi = self.motors.limits(data)
+        self.reader = quiet_reader(model, data, body, self.motors)
+        self._gains = Gains() if gains is None else gains
+        self._dt = 1 / (1 / model.opt.timestep if rate is None else as_positive(rate, "rate", "Hz"))
+        self._gains.require_ticks(self._dt)
+        self._body = int(model.body(body).id)
+        pose = object_pose(model, data, self._body)
+        self._turned = pose.rotation
+        where: Any = pose.position.tolist()
+        self._motion: Motion = Hold(where) if motion is None else motion
+        self._mass = float(model.body_subtreemass[self._body])
+        self._inertia = pose.rotation.T @ object_inertia(data, self._body) @ pose.rotation
+        weight = self._mass * (float(np.linalg.norm(model.opt.gravity)) or GRAVITY)
+        self._c_max = CEILING * weight if c_max is None else as_positive(c_max, "c_max", "N")
+        self._mu = mu if mu is None else as_positive(mu, "mu", "")
+        self._lengths = self.motors.lengths(data)
+        kinds = mj.mjtIntegrator
+        self._implicit = (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST))
+        self._jacobian_dot = np.zeros((6, model.nv))
+        self._mass_matrix = np.zeros((model.nv, model.nv))
+        seen = self.seen()
+        if not len(seen.points):
+            raise InvalidInputError(
+                f"data: nothing touches {body!r}, expected fingers in contact: see sim.close"
+            )
+        self._open_book(seen, pose)
+        arm = float(np.linalg.norm(seen.points - pose.position, axis=1).max())
+        self._soft = softness(weight, arm)
+        self.alpha = alpha
+        self._servo: Servo | None = None
+        self._shape: tuple[int, ...] = ()
+        self._c: Array | None = None
+        self._tau = self.first_torques()
+
+    # ---- a tick --------------------------------------------------------------------------------
+
+    def step(self, t: float) -> HandCommand:
+        """Measure, decide and write the controls of the tick at time t [s].
+
+        The data have to be as ``mj_step1`` or ``mj_forward`` leaves them.
+        """
+        self.read()
+        command = self.decide(t, object_pose(self._model, self._data, self._body), self.seen())
+        self.write(command.tau)
+        return command
+
+    def read(self) -> None:
+        """Read the simulation as it stands."""
+        self.reader.update(self._data)
+        lo, hi = self.motors.limits(self._data)
+        # A servo that is beyond its range has one torque: nearly none to choose from.
+        self.tau_lo, self.tau_hi = lo, np.maximum(hi, lo + 1e-6 * np.maximum(np.abs(lo), 1e-3))
+
+    def seen(self) -> Seen:
+        """Return the contacts that the simulation lists."""
+        reader = self.reader
+        bodies: Indices = self._model.geom_bodyid[reader.geoms[:, 0]]
+        return Seen(reader.points, reader.normals, bodies, *reader.friction)
+
+    def write(self, tau: Array, *, at_once: bool = False) -> None:
+        """Send torques to the motors."""
+        self.motors.write(self._data, tau, self._dt, at_once=at_once)
+
+    def decide(self, t: float, pose: Pose, seen: Seen) -> HandCommand:
+        """Return the torques of the tick at time t [s] from what is measured.
+
+        Args:
+            t: [s].
+            pose: of the object.
+            seen: what touches.
+        """
+        acceleration, f = self._wrench(t, pose)
+        self.book.update(
+            seen.points, seen.normals, seen.bodies.tolist(), self._dt, pose.position, pose.rotation
+        )
+        self._count_on(seen)
+        W, hand = self.reader.maps(
+            self.book.points, self.book.frames.transpose(0, 2, 1), self._dims, self._bodies
+        )
+        bias = hand.tau_bias + self._own_torques(acceleration, pose, hand.J)
+        solution = self._distribute(f, W, hand, bias)
+        kept = solution.status is not Status.SOLVED
+        if not kept:
+            self._c = solution.c
+            tau = bias.copy()
+            tau[self.holding] = solution.motor_forces
+            self._tau = tau
+        return HandCommand(np.clip(self._tau, self.tau_lo, self.tau_hi), solution, kept)
+
+    def target(self, t: float) -> tuple[Array, Array]:
+        """Return where the object should be at time t [s], and how turned."""
+        state = self._motion.at(t)
+        return state.position, state.rotation @ self._turned
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The body that makes the contact of each slot."""
+        return tuple(self._model.body(int(each)).name for each in self._bodies)
+
+    # ---- what it holds with --------------------------------------------------------------------
+
+    def _open_book(self, seen: Seen, pose: Pose) -> None:
+        """Make slots for what touches, and see which motors move it."""
+        balls = (int(mj.mjtGeom.mjGEOM_SPHERE), int(mj.mjtGeom.mjGEOM_ELLIPSOID))
+        faces = ~np.isin(self._model.geom_type[self.reader.geoms[:, 0]], balls)
+        slots: dict[Hashable, int] = {}
+        for body in dict.fromkeys(seen.bodies.tolist()):
+            of_body = seen.bodies == body
+            least = _FACE_SLOTS if faces[of_body].any() else 1
+            slots[body] = max(int(of_body.sum()), least)
+        # A force falls with its ceiling: the ramp leaves it the time that its rate needs.
+        ramp = max(1.2 * self._c_max / self._gains.force_rate, self._dt)
+        self.book = ContactBook(dict(slots), ramp=ramp)
+        self._bodies = np.array(self.book.links, dtype=np.intp)
+        dims = dict(zip(seen.bodies.tolist(), self.reader.dims.tolist(), strict=True))
+        self._dims = np.array([dims[body] for body in self._bodies.tolist()])
+        self._slot_mu, self._slot_gamma = np.ones(len(self._dims)), np.ones(len(self._dims))
+        for body in slots:
+            of_body = self._bodies == body
+            self._slot_mu[of_body] = seen.mu[seen.bodies == body].min()
+            self._slot_gamma[of_body] = max(seen.gamma[seen.bodies == body].min(), 1e-6)
+        self.book.update(
+            seen.points, seen.normals, seen.bodies.tolist(), self._dt, pose.position, pose.rotation
+        )
+        dofs, driven = self.reader.motion
+        moved = self.reader.moved_by(self._bodies)[:, dofs].any(axis=0)
+        self.holding = (driven[moved] != 0).any(axis=0)
+        for row in self.reader.internal != 0:
+            self.holding |= row & (row & self.holding).any()
+        if not self.holding.any():
+            raise InvalidInputError(
+                f"data: got {', '.join(dict.fromkeys(self.links))} in contact with "
+                f"{self.reader.object_name!r}, expected something that a motor moves"
+            )
+
+    def _models(self) -> tuple[ContactModel, ...]:
+        arrays = (self._dims, self._slot_mu, self._slot_gamma)
+        return tuple(
+            model_of(*each) for each in zip(*(array.tolist() for array in arrays), strict=True)
+        )
+
+    def _count_on(self, seen: Seen) -> None:
+        """Take the friction of what touches, as far as none was given."""
+        slots = self.book.slots
+        found = slots >= 0
+        if self._mu is None:
+            self._slot_mu[slots[found]] = seen.mu[found]
+        else:
+            self._slot_mu[:] = self._mu
+        self._slot_gamma[slots[found]] = np.maximum(seen.gamma[found], 1e-6)
+
+    def first_torques(self) -> Array:
+        """Return the torques that make the contact forces of the simulation as it stands."""
+        given = self.reader.J.T @ self.reader.contact_forces(self._data)
+        return np.clip(given + self.reader.tau_bias, self.tau_lo, self.tau_hi)
+
+    # ---- the law -------------------------------------------------------------------------------
+
+    def _wrench(self, t: float, pose: Pose) -> tuple[Array, Array]:
+        """Return the wanted acceleration, linear and angular, and the wrench f for it."""
+        gains, target = self._gains, self._motion.at(t)
+        linear = (
+            target.acceleration
+            + gains.object_stiffness * (target.position - pose.position)
+            + gains.object_damping * (target.velocity - pose.velocity)
+        )
+        turned = rotation_vector(target.rotation @ self._turned @ pose.rotation.T)
+        angular = (
+            target.angular_acceleration
+            + gains.object_stiffness * turned
+            + gains.object_damping * (target.angular_velocity - pose.angular_velocity)
+        )
+        inertia = pose.rotation @ self._inertia @ pose.rotation.T
+        omega = pose.angular_velocity
+        force = self._mass * (linear - self._model.opt.gravity)
+        torque = inertia @ angular + cross(omega, inertia @ omega)
+        return np.concatenate((linear, angular)), np.concatenate((force, torque))
+
+    def _own_torques(self, acceleration: Array, pose: Pose, J: Array) -> Array:
+        """Return the torques that move the joints' own inertia, shape (n_joints,)."""
+        gains, data = self._gains, self._data
+        dofs, driven = self.reader.motion
+        carrying = driven.any(axis=0)  # of motors that share a motion, those that count for it
+        M = self._inertia_of_motors(dofs, driven)[np.ix_(carrying, carrying)]
+        off = self.motors.lengths(data) - self._lengths
+        posture = -gains.posture_stiffness * off - gains.posture_damping * self.motors.rates(data)
+        tau, posture = np.zeros(len(driven.T)), posture[carrying]
+        own = M @ posture
+        engaged = np.flatnonzero(self.book.engagement > 0)
+        rows = np.repeat(self.book.engagement > 0, self._dims)
+        if len(engaged):
+            wanted = self._along(acceleration, pose, engaged)
+            J_here = J[np.ix_(rows, carrying)]
+            over_M = np.linalg.solve(M, J_here.T).T
+            # A contact that lets go counts less and less.
+            share = np.repeat(self.book.engagement[engaged], self._dims[engaged])
+            compliance = over_M @ J_here.T + np.diag(1 / (_MAX_INERTIA * share**2))
+            own = own + J_here.T @ np.linalg.solve(compliance, wanted - J_here @ posture)
+        tau[carrying] = own
+        return tau
+
+    def _inertia_of_motors(self, dofs: Indices, driven: Array) -> Array:
+        """Return the inertia that the motors move, shape (n_joints, n_joints).
+
+        MuJoCo's implicit integrators take damping as of the end of a step, which is as if there
+        were as much more inertia as it takes in a step. What the reader and the motors make up for
+        is the damping as of its beginning.
+        """
+        model, data = self._model, self._data
+        mj.mj_fullM(model, data, self._mass_matrix)
+        M, step = self._mass_matrix[np.ix_(dofs, dofs)], float(model.opt.timestep)
+        if int(model.opt.integrator) not in self._implicit:
+            return driven.T @ M @ driven
+        M = M + step * np.diag(model.dof_damping[dofs])
+        of_motors = np.diag(step * self.motors.damping(data) * driven.any(axis=0))
+        return driven.T @ M @ driven + of_motors
+
+    def _along(self, acceleration: Array, pose: Pose, engaged: Indices) -> Array:
+        """Return the joints' part of the accelerations that take contacts along, (m_engaged,)."""
+        frames, points = self.book.frames, self.book.points
+        feed_forward = self._gains.feed_forward
+        found: list[Array] = []
+        for i in engaged.tolist():
+            wanted = np.zeros(6)
+            if feed_forward:
+                drift = self._jacobian_dot
+                mj.mj_jacDot(
+                    self._model, self._data, drift[:3], drift[3:], points[i], int(self._bodies[i])
+                )
+                wanted[:3] = point_acceleration(acceleration, pose, points[i])
+                wanted[3:] = acceleration[3:]
+                wanted -= drift @ self._data.qvel
+            axes = frames[i].T
+            found.append(np.append(axes @ wanted[:3], axes[0] @ wanted[3:])[: self._dims[i]])
+        return np.concatenate(found)
+
+    def _distribute(self, f: Array, W: Array, hand: Actuation, bias: Array) -> Solution:
+        """Solve the tick's force problem."""
+        acting = self.holding
+        fields: dict[str, Any] = {
+            "J": hand.J[:, acting], "tau_lo": self.tau_lo[acting], "tau_hi": self.tau_hi[acting],
+            "tau_bias": bias[acting], "engagement": self.book.engagement,
+            "cone_weight": self._cone_weight(), "alpha": self.alpha,
+        }  # fmt: skip
+        soft, motions = self._softness(self._soft), self.reader.motions
+        if motions is not None:
+            W, f, soft = motions.T @ W, motions.T @ f, np.abs(motions.T) @ soft
+        passive = np.full(len(hand.passive_loads), _GIVING_WAY * self._soft[-1])
+        fields["W"] = np.vstack((W, hand.passive_rows))
+        fields["f"] = np.append(f, hand.passive_loads)
+        fields["f_soft"] = np.append(soft, passive)
+        internal = hand.internal[(hand.internal[:, acting] != 0).any(axis=1)][:, acting]
+        if len(internal):
+            fields["internal"] = internal
+        if len(hand.b):
+            fields["A"], fields["b"] = hand.A, hand.b
+        if self._c is not None:
+            fields["c_last"] = self._c
+        shape = (len(fields["f"]), len(internal), len(hand.b), self._c is None)
+        servo = self._servo
+        if servo is None or shape != self._shape:
+            servo = self._make_servo(fields)
+            self._shape = shape
+            return servo.step()
+        for name, value in fields.items():
+            getattr(servo, name)[...] = value
+        servo.mu[:], servo.gamma[:] = self._slot_mu, self._slot_gamma
+        servo.tick()
+        return servo.solution
+
+    def _softness(self, soft: Array) -> Array:
+        """Return ``f_soft`` by which W c = f is missed as little whatever alpha is."""
+        return soft / np.sqrt(max(self.alpha or 1.0, 1.0))
+
+    def _make_servo(self, fields: dict[str, Any]) -> Servo:
+        """Return a Servo of the layout that the fields have; settle alpha where it is open."""
+        options = fields | {"alpha": 5.0 if self.alpha is None else self.alpha}
+        if self._c is not None:
+            options["dc_max"] = self._gains.force_rate * self._dt
+        problem = ForceProblem(
+            options.pop("W"), options.pop("f"), self._models(), c_max=self._c_max, **options
+        )
+        if self.alpha is None:
+            self.alpha = self._firm(problem)
+            rows = len(problem.f_soft) - len(self.reader.passive_loads)
+            soft = np.append(self._softness(problem.f_soft[:rows]), problem.f_soft[rows:])
+            problem = problem.replace(alpha=self.alpha, f_soft=soft)
+        self._servo = Servo(problem)
+        return self._servo
+
+    def _firm(self, problem: ForceProblem) -> float:
+        """Return alpha of a grip with ``TIMES_LEAST`` the least force.
+
+        A load that may be missed has no least force, so that it is asked for as it is; but not
+        what no motor controls, which gives way until it is in balance.
+        """
+        rows = 6 if self.reader.motions is None else self.reader.motions.shape[1]
+        soft = np.append(np.zeros(rows), problem.f_soft[rows:])
+        grip = firmness.choose(problem.replace(f_soft=soft), times_least=TIMES_LEAST)
+        return grip.alpha if grip.solution.status is Status.SOLVED else 5.0
+
+    def _cone_weight(self) -> Array:
+        """Return the cones' weights: contacts of one patch share 1, as far as they are engaged."""
+        engagement = np.maximum(self.book.engagement, 1e-3)
+        return patch_weights(self.book.frames[:, :, 0], self.book.links, engagement)
+
+
+def softness(weight: float, arm: float) -> Array:
+    """Return by how much W c = f may be missed, shape (6,) [N, N·m].
+
+    Args:
+        weight: of the object [N].
+        arm: distance of the contacts from its centre [m].
+    """
+    return _SOFTNESS * weight * np.array([1.0, 1.0, 1.0, arm, arm, arm])
+
+
+def quiet_reader(model: Any, data: Any, body: str, motors: MujocoMotors) -> MujocoGrasp:
+    """Return a reader for all motors; its ``notes`` have what it would warn of.
+
+    Raises:
+        InvalidInputError: as :class:`MujocoGrasp`.
+        ModelImportError: a motor without a limit.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", GraspForceWarning)
+        return MujocoGrasp(model, data, body, motors.joint_names, limits_of(motors, data))
+
+
+def limits_of(motors: MujocoMotors, data: Any) -> dict[str, float]:
+    """Return the limits that a reader needs besides those that it finds in the model."""
+    lo, hi = motors.limits(data)
+    most = np.maximum(np.abs(lo), np.abs(hi))
+    for name, limit in zip(motors.joint_names, most.tolist(), strict=True):
+        if limit == np.inf:
+            raise ModelImportError(
+                f"{name!r}: its motor has no limit, expected a forcerange, or a ctrlrange of a "
+                "motor or servo; or give tau_max"
+            )
+    return dict(zip(motors.joint_names, most.tolist(), strict=True))
