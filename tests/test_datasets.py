@@ -155,6 +155,18 @@ def test_stacks_may_be_float32_and_numbers_for_all(problems, tmp_path):
     assert summary.counts.solved > 10
 
 
+def test_tensor_columns_are_read_as_their_numbers(problems, tmp_path):
+    columns = columns_of(problems[:20])
+    W = pa.FixedShapeTensorArray.from_numpy_ndarray(np.array(columns["W"]))
+    tensors = pa.table(columns | {"W": W})
+    pq.write_table(tensors, tmp_path / "tensors.parquet")
+    write_source(tmp_path / "lists.parquet", columns)
+    for name in ("tensors", "lists"):
+        solve(tmp_path / f"{name}.parquet", tmp_path / name)
+    one, two = (pq.read_table(tmp_path / name).drop(["file"]) for name in ("tensors", "lists"))
+    assert one.equals(two)
+
+
 def test_threads_change_no_bit(source, tmp_path):
     for threads in (1, 3):
         solve(source, tmp_path / f"out{threads}", threads=threads)
@@ -352,6 +364,21 @@ def test_wrong_arguments_are_named(options, said, source, tmp_path):
     assert said in str(raised.value)
 
 
+def test_a_column_that_is_there_twice_is_refused(problems, tmp_path):
+    columns = columns_of(problems[:4])
+    table = pa.table(columns)
+    pq.write_table(table.append_column("mu", table["mu"]), tmp_path / "twice.parquet")
+    with pytest.raises(gf.InvalidInputError, match="'mu': it is there twice"):
+        solve(tmp_path / "twice.parquet", tmp_path / "out")
+
+
+def test_an_empty_source_is_done_at_once(problems, tmp_path):
+    empty = pa.table(columns_of(problems[:4])).slice(0, 0)
+    pq.write_table(empty, tmp_path / "empty.parquet")
+    assert solve(tmp_path / "empty.parquet", tmp_path / "out").counts.rows == 0
+    assert (tmp_path / "out" / "_summary.json").is_file()
+
+
 def test_sources_that_are_none(tmp_path):
     for name, said in (
         ("nowhere", "does not exist"), ("empty", "holds no file"), ("grasps.csv", "'.csv'"),
@@ -507,6 +534,24 @@ def test_the_command_and_its_exit_codes(source, tmp_path):
     assert early.returncode == 3
     assert "1 of 5 parts are done" in early.stderr
     assert run(source, out, "--set", "tau_lo").returncode == 2
+
+
+def test_ctrl_c_ends_in_order_and_is_gone_on_with(problems, tmp_path):
+    columns = {name: values * 20 for name, values in columns_of(problems).items()}
+    source = write_source(tmp_path / "grasps.parquet", columns)
+    options = ("--set", "tau_lo=-0.5", "--set", "tau_hi=0.5", "--rows-per-part", "20")
+    command = [sys.executable, "-m", "graspforce", "batch", str(source), str(tmp_path / "out")]
+    process = subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True)
+    until = time.monotonic() + 60
+    while not list((tmp_path / "out").glob("part-*")) and time.monotonic() < until:
+        time.sleep(0.005)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate()
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert not list((tmp_path / "out").glob(".graspforce-*"))
+    summary = solve(source, tmp_path / "out", rows_per_part=20)
+    assert 0 < summary.resumed < 300
 
 
 def test_without_pyarrow_the_error_names_the_pip_line():

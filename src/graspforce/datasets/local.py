@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import closing
 
 from graspforce.datasets.sources import Chunk
 from graspforce.datasets.target import Counts, Part
@@ -27,13 +28,12 @@ def run_parts(
         done: called after each part.
     """
     queue = _Queue(work, parts, done)
-    with ThreadPoolExecutor(threads, "graspforce-part") as pool:
+    with closing(queue), ThreadPoolExecutor(threads, "graspforce-part") as pool:
         try:
             futures = [pool.submit(queue.work_off) for _ in range(threads)]
             wait(futures, return_when=FIRST_EXCEPTION)
         finally:  # also where a signal ends the wait
             queue.stopped = True
-    queue.close()
     for future in futures:
         future.result()
     return queue.failures

@@ -52,7 +52,7 @@ class Ragged:
 
 def is_numeric(kind: Any) -> bool:
     """Whether an Arrow type is a number, a list of numbers or a list of lists of them."""
-    kind = _without_lists(kind, 2)
+    kind = _without_lists(_storage(kind), 2)
     return pa.types.is_integer(kind) or pa.types.is_floating(kind)
 
 
@@ -62,6 +62,11 @@ def is_text(kind: Any) -> bool:
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
     return pa.types.is_string(kind) or pa.types.is_large_string(kind)
+
+
+def _storage(kind: Any) -> Any:
+    """Return what an extension's values are stored as."""
+    return kind.storage_type if isinstance(kind, pa.BaseExtensionType) else kind
 
 
 def _without_lists(kind: Any, most: int) -> Any:
@@ -84,6 +89,8 @@ def ragged(column: Any) -> Ragged:
     Args:
         column: a ``pyarrow.ChunkedArray`` whose type :func:`is_numeric`.
     """
+    if isinstance(column.type, pa.BaseExtensionType):  # a tensor, as its list
+        column = pa.chunked_array([chunk.storage for chunk in column.chunks], _storage(column.type))
     array = column.combine_chunks()
     if isinstance(array, pa.ChunkedArray):
         array = pa.concat_arrays(array.chunks) if array.num_chunks else pa.array([], array.type)

@@ -158,13 +158,22 @@ def find_files(source: Path, layout: str | None, hints: Hints) -> list[SourceFil
             f"{', '.join(endings)}{hint}"
         )
     root = source if source.is_dir() else source.parent
-    return [_source_file(path, path.relative_to(root).as_posix(), layout, hints) for path in paths]
+    return [_source_file(path, _name(path.relative_to(root)), layout, hints) for path in paths]
+
+
+def _name(path: Path) -> str:
+    """Return a path as a text that UTF-8 has bytes for."""
+    return path.as_posix().encode("utf-8", "backslashreplace").decode()
 
 
 def _source_file(path: Path, name: str, layout: str | None, hints: Hints) -> SourceFile:
     kind = layout or path.suffix.lower()
     with closing(_open(path, kind, hints)) as reader:
         columns, rows = reader.schema, reader.rows
+    names: list[str] = columns.names
+    for each in names:
+        if names.count(each) > 1:
+            raise InvalidInputError(f"{path}: column {each!r}: it is there twice")
     partition: dict[str, str | None] = {}
     for folder in Path(name).parent.parts:
         key, equals, value = folder.partition("=")

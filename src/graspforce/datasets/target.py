@@ -291,7 +291,7 @@ def parts_of(rows: Sequence[int], size: int) -> Iterator[Part]:
 
 def _write_json(path: Path, content: Mapping[str, Any]) -> None:
     with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", "utf-8")
+        temporary.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
 
 
 def _short(value: Any) -> str:
