@@ -14,6 +14,7 @@ import time
 
 import numpy as np
 import pytest
+from test_viewer import paper_mjcf
 
 import graspforce as gf
 from graspforce import viewer
@@ -281,10 +282,8 @@ def test_physics_is_pushed_by_dragging_the_object(served):
     until(lambda: session(page)._loop.tick.t < 0.5, "the beginning")
 
 
-def test_a_click_on_the_object_is_a_contact(served):
-    from test_viewer import allegro
-
-    page, tab = served(allegro())
+def test_a_click_on_the_object_is_a_contact(served, tmp_path):
+    page, tab = served(paper_mjcf(tmp_path))
     assert "click on the object" in tab.locator(".gf-verdict").inner_text()
     box = tab.locator("canvas").first.bounding_box()
     until(lambda: is_drawn(picture(tab)), "a drawing")

@@ -80,8 +80,11 @@ class Viewer:
 
     def stop(self) -> None:
         """Close all pages and free the port."""
-        for session in list(self.sessions.values()):
+        sessions = list(self.sessions.values())
+        for session in sessions:
             session.close()
+        for session in sessions:
+            session.join()
         with quiet():
             self._server.stop()
 

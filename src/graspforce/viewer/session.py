@@ -95,6 +95,10 @@ class Session:
         self._closed = True
         self._wake.set()
 
+    def join(self) -> None:
+        """Wait for the thread to end, for a few seconds at most: a browser may owe it a picture."""
+        self._thread.join(5.0)
+
     # ---- what the panel and the scene ask for, in the server's event loop --------------------
 
     def turn(self, **changes: Any) -> None:
