@@ -7,13 +7,12 @@ same closing, law and motors, under disturbances:
 - constant squeeze: every contact's normal force is what it was at first, whatever the object needs;
 - position servo with an offset: the joints' positions at first, held by PD laws, and the torques at
   first as the offset, no force control;
-- LP, 4 facets: the least sum of normal forces in friction pyramids with four facets (HiGHS).
+- LP, 4 facets: the least largest normal force in friction pyramids with four facets (HiGHS).
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 import time
 
@@ -23,12 +22,11 @@ from rich.table import Table
 from saving import show, writable
 
 from graspforce import sim
-from graspforce._engine.outcome import Status
 from graspforce.baselines import lp
 from graspforce.sim import loop as running
 from graspforce.sim.hand_loop import HandCommand, HandLoop
 
-MOTIONS = {name: ((0.0, 0.0, 0.02), 20.0) for name in sim.HANDS} | {"shadow": ((0, 0, -0.02), 0.0)}
+MOTIONS = dict.fromkeys(sim.HANDS, ((0.0, 0.0, 0.02), 20.0)) | {"shadow": ((0, 0, -0.02), 0.0)}
 STUDIED = ("allegro", "panda", "palm")
 KINDS = ("none", "push", "payload", "friction", "delay")
 
@@ -37,6 +35,7 @@ class ConstantSqueeze(HandLoop):
     """The forces of the first tick, for ever."""
 
     def decide(self, t, pose, seen):
+        """Return the tick's torques."""
         if t == 0:
             self._first = super().decide(t, pose, seen)
             self._given = self._first.solution
@@ -53,6 +52,7 @@ class PositionServo(HandLoop):
     """The positions of the first tick, by PD laws, with its torques as an offset."""
 
     def decide(self, t, pose, seen):
+        """Return the tick's torques."""
         now = super().decide(t, pose, seen)
         dofs, driven = self.reader.motion
         M = np.diag(self._inertia_of_motors(dofs, driven))
@@ -64,13 +64,12 @@ class PositionServo(HandLoop):
 
 
 class FourFacets(HandLoop):
-    """The least sum of normal forces in pyramids."""
+    """The least largest normal force in pyramids."""
 
     def _distribute(self, f, W, hand, bias):
         ours = super()._distribute(f, W, hand, bias)
         exact = ours.problem.replace(f_soft=0.0)
-        found = lp.solve(exact, facets=4)
-        return found if found.status is Status.SOLVED else dataclasses.replace(found)
+        return lp.solve(exact, facets=4, objective="normal")
 
 
 WAYS = {
@@ -132,15 +131,15 @@ def cell(log: sim.Log) -> str:
 
 
 def against() -> Table:
-    table = Table(title="the same scenes by other ways: verdict, slip [mm], largest force of a contact")
+    table = Table(
+        title="the same scenes by other ways: verdict, slip [mm], largest force of a contact"
+    )
     for heading in ("hand", "disturbance", *WAYS):
         table.add_column(heading)
     for name in STUDIED:
         model = sim.hand_model(name)
         for kind in KINDS:
-            (trial,) = sim.own(
-                model, "object", move=(0, 0, 0.02), duration=1.0, disturbance=kind
-            )
+            (trial,) = sim.own(model, "object", move=(0, 0, 0.02), duration=1.0, disturbance=kind)
             table.add_row(name, kind, *(cell(run(trial, way)) for way in WAYS.values()))
     return table
 

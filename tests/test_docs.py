@@ -83,15 +83,15 @@ def test_the_snippets_about_legs_run(folder, capsys):
 
 
 @pytest.mark.parametrize("program", GALLERY, ids=name_of)
-def test_the_programs_of_the_gallery_run(program, folder, monkeypatch, request):
+def test_the_programs_of_the_gallery_run(program, folder, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "Agg")
     plt = pytest.importorskip("matplotlib.pyplot")
     require(program.read_text(encoding="utf-8"))
-    if "sim.picture" in program.read_text(encoding="utf-8"):
-        request.getfixturevalue("opengl")
     try:
         runpy.run_path(str(program), run_name="__main__")
         assert plt.get_fignums()  # a gallery's program draws
+    except gf.errors.RenderError as error:
+        pytest.skip(str(error))
     finally:
         plt.close("all")
 

@@ -208,7 +208,9 @@ class _Closing:
         model, dofs = self._model, self._reader.motion[0]
         driven = np.zeros(model.nv, dtype=bool)
         driven[dofs] = True
-        moved = self._reader.moved_by(np.arange(model.nbody))[:, driven].any(axis=1)
+        moved = self._reader.moved_by(np.arange(int(model.nbody), dtype=np.intp))[:, driven].any(
+            axis=1
+        )
         moved &= ~self._reader.inside
         hands: list[tuple[int, list[int]]] = []
         for root in dict.fromkeys(model.body_rootid[moved].tolist()):
@@ -220,7 +222,7 @@ class _Closing:
         groups: dict[int, list[int]] = {}
         for palm, bodies in hands:
             if palm:
-                carrying |= self._reader.moved_by(np.array([palm]))[0]
+                carrying |= self._reader.moved_by(np.array([palm], dtype=np.intp))[0]
             for each in bodies:
                 top = _below(model, each, palm)
                 if top is not None:

@@ -64,7 +64,7 @@ def _mjcf(name: str, scene: _Scene, place: Sequence[float] | None, qpos: str) ->
         x, y, _ = scene.view
         right = f"{-y} {x} 0"
         up = f"{-x * scene.view[2]} {-y * scene.view[2]} {x * x + y * y}"
-        camera = f'<camera name="view" pos="{_join(eye)}" xyaxes="{right} {up}" fovy="30"/>'
+        camera = f'<camera name="view" pos="{_join(eye)}" xyaxes="{right} {up}" fovy="24"/>'
     key = f'<keyframe><key name="open" qpos="{qpos}"/></keyframe>' if qpos else ""
     return f"""<mujoco model="{name}"><compiler angle="radian" autolimits="true"/>
       <option timestep=".001" integrator="implicitfast" cone="elliptic" impratio="100"
