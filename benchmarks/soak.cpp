@@ -187,7 +187,7 @@ int main(int count, char** arguments) {
 
   std::printf("%ld ticks of %d grasps in %.0f s, seed %u\n", ticks, kStreams, seconds.count(),
               seed);
-  for (int status = 0; status < 7; ++status)
+  for (int status = 0; status < 8; ++status)
     std::printf("%-19s %10ld\n", to_string(Status(status)), tally.verdicts[status]);
   std::printf("refused             %10ld\n", tally.refused);
   std::printf("steps a tick        %10.2f on average, %ld at most\n",

@@ -64,6 +64,7 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("newton_steps", [](const Outcome& o) { return o.result.newton_steps; })
       .def_prop_ro("decrement", [](const Outcome& o) { return o.result.decrement; })
       .def_prop_ro("violation", [](const Outcome& o) { return o.result.violation; })
+      .def_prop_ro("nearest", [](const Outcome& o) { return o.result.nearest; })
       .def_prop_ro("start", [](const Outcome& o) { return static_cast<int>(o.result.start); })
       .def_prop_ro("elapsed_us", [](const Outcome& o) { return o.result.elapsed_us; })
       .def_prop_ro("c", field(&Outcome::c, &Outcome::m))

@@ -24,14 +24,14 @@ class Judge {
   // What is wrong with a verdict; null when nothing is.
   const char* find_fault(const Engine& engine, const Result& result) const {
     const int status = static_cast<int>(result.status);
-    if (status < 0 || status > 6) return "no such status";
+    if (status < 0 || status > 7) return "no such status";
     for (int i = 0; i < m_; ++i)
       if (!std::isfinite(engine.forces()[i])) return "a force that is no number";
     for (int r = 0; r < layout_.wrench_rows; ++r)
       if (!std::isfinite(engine.multipliers()[r])) return "a multiplier that is no number";
     if (!(result.decrement >= 0)) return "a decrement that is no number";
     const bool none = result.status == Status::Infeasible || result.status == Status::Unbounded ||
-                      result.status == Status::WrenchUnreachable;
+                      result.status == Status::WrenchUnreachable || result.status == Status::OnEdge;
     if (none && result.decrement < kInfinity) return "no minimum, and a bound on the decrement";
     if (!(result.violation >= 0 && result.violation < kInfinity))
       return "a violation that is no number";
@@ -41,6 +41,13 @@ class Judge {
       if (passes_a_limit(engine.forces())) return "solved, and a limit is passed";
       if (!(wrench_error(engine.forces()) <= 1e-9L)) return "solved, and the wrench is another";
     }
+    if (result.nearest) {
+      if (!none || result.status == Status::Unbounded) return "a nearest wrench without need of it";
+      if (slips(engine.forces())) return "the nearest wrench, and a contact slips";
+      if (passes_a_limit(engine.forces())) return "the nearest wrench, and a limit is passed";
+    }
+    if (result.status == Status::OnEdge && !makes_edge(engine.forces()))
+      return "on the edge, and the wrench is another";
     if (result.status == Status::Infeasible &&
         !proves_infeasible(engine.certificate_y(), engine.certificate_z()))
       return "infeasible without a proof";
@@ -67,6 +74,20 @@ class Judge {
   }
 
  private:
+  // W c = f, to 1e-7 of what the limits are made for where nothing is asked.
+  bool makes_edge(const double* c) const {
+    const bool asked =
+        std::any_of(p_.f, p_.f + layout_.wrench_rows, [](double f) { return f != 0; });
+    if (asked) return wrench_error(c) <= 1e-7L;
+    Real size = 0, most = 0;
+    each_limit([&](int, auto entry, Real bound, Real) {
+      for (int i = 0; i < m_; ++i)
+        if (entry(i) != 0) size = std::max(size, std::abs(bound) / std::abs(Real(entry(i))));
+    });
+    for (int i = 0; i < m_; ++i) most = std::max(most, std::abs(Real(c[i])));
+    return most <= 1e-7L * size;
+  }
+
   static constexpr long double kUnit = 4e-16L;  // of rounding, a term
   static constexpr long double kLeast = std::numeric_limits<double>::denorm_min();
 
@@ -213,7 +234,11 @@ class Judge {
       if (!(side > 0 ? layout_.ceilings : layout_.floors)) continue;
       for (int i = 0; i < n; ++i) {
         const int normal = layout_.first(i);
-        const Real bound = Real(p_.engagement[i]) * (side > 0 ? p_.c_max : p_.c_min)[i];
+        // A floor at the ceiling leaves 1e-9 of it to either side.
+        Real force = (side > 0 ? p_.c_max : p_.c_min)[i];
+        if (side > 0 && layout_.floors) force = std::max(force, (1 + 1e-9L) * p_.c_min[i]);
+        if (side < 0 && layout_.ceilings) force = std::min(force, (1 - 1e-9L) * p_.c_max[i]);
+        const Real bound = Real(p_.engagement[i]) * force;
         offer([normal, side](int c) { return c == normal ? Real(side) : 0; }, side * bound, bound);
       }
     }

@@ -21,6 +21,7 @@ enum class Status : int {
   MaxSteps = 4,
   Stalled = 5,
   InvalidNumbers = 6,
+  OnEdge = 7,
 };
 
 inline const char* to_string(Status status) {
@@ -37,6 +38,8 @@ inline const char* to_string(Status status) {
       return "MAX_STEPS";
     case Status::Stalled:
       return "STALLED";
+    case Status::OnEdge:
+      return "ON_EDGE";
     case Status::InvalidNumbers:
       break;
   }
@@ -56,6 +59,9 @@ struct Result {
   int newton_steps = 0;
   double decrement = kInfinity;  // certified bound, for Phi / min(1, alpha)
   double violation = 0;          // least relative violation when infeasible
+  // Without a verdict of Solved: the forces are strictly inside every cone and limit, and make the
+  // wrench nearest to f (see nearest.hpp).
+  bool nearest = false;
   Start start = Start::Cold;
   double elapsed_us = 0;  // measured only where the settings limit the time
 };
@@ -81,6 +87,7 @@ struct Answer {
     result.status = status;
     result.decrement = kInfinity;
     result.violation = 0;
+    result.nearest = false;
   }
 
   // Takes over what Newton's method has reached on a barrier; true when that ends the solve: with a

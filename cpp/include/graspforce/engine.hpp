@@ -12,6 +12,7 @@
 #include "graspforce/floating_point.hpp"
 #include "graspforce/history.hpp"
 #include "graspforce/kernels.hpp"
+#include "graspforce/nearest.hpp"
 #include "graspforce/newton.hpp"
 #include "graspforce/rank.hpp"
 
@@ -25,6 +26,7 @@ class Engine {
         kernels_(layout_),
         fallback_(kernels_.blocks()),
         rank_(layout_),
+        range_(layout_),
         history_(layout_),
         answer_(layout_) {}
   Engine(const Engine&) = delete;
@@ -52,15 +54,16 @@ class Engine {
     if (start == nullptr && layout_.rate_limits) start = problem.c_last;
     // The next tick's numbers are compared with these, not with its last.
     pending_changes_ = kChangedAll;
-    dispatch(problem, settings, kChangedAll, [&](auto& barrier, Budget& budget, unsigned) {
-      double lambda = kInfinity;
-      if (start != nullptr) {
-        answer_.result.start = Start::Given;
-        barrier.set_forces(start);
-        lambda = first_step(barrier, problem);
-      }
-      run(barrier, problem, lambda, settings.tol, budget);
-    });
+    dispatch(problem, settings, kChangedAll,
+             [&](auto& barrier, const Problem& wanted, Budget& budget, unsigned) {
+               double lambda = kInfinity;
+               if (start != nullptr) {
+                 answer_.result.start = Start::Given;
+                 barrier.set_forces(start);
+                 lambda = first_step(barrier, wanted);
+               }
+               run(barrier, wanted, lambda, settings.tol, budget);
+             });
     return answer_.result;
   }
 
@@ -72,15 +75,14 @@ class Engine {
     const Problem problem(offsets_, packed);
     if (pending_changes_ != 0) changed = pending_changes_;  // by other blocks than the last tick's
     pending_changes_ = 0;
-    dispatch(problem, settings, changed, [&](auto& barrier, Budget& budget, unsigned news) {
-      history_.begin_tick(problem, news);
-      run(barrier, problem, predict(barrier, problem), settings.tol, budget);
-    });
+    dispatch(problem, settings, changed,
+             [&](auto& barrier, const Problem& wanted, Budget& budget, unsigned news) {
+               if (&wanted == &problem) history_.begin_tick(problem, news);
+               run(barrier, wanted, predict(barrier, wanted), settings.tol, budget);
+             });
     // A tick that ran out of budget goes on from where it stopped.
-    const Status status = answer_.result.status;
-    const bool unfinished = status == Status::MaxSteps && answer_.wrench_error < kInfinity;
-    if (status != Status::Solved) history_.clear();
-    if (status == Status::Solved || unfinished) history_.remember(problem, answer_.c);
+    if (!minimal_) history_.clear();
+    if (minimal_ || unfinished_) history_.remember(problem, answer_.c);
     return answer_.result;
   }
 
@@ -95,6 +97,7 @@ class Engine {
   template <class Work>
   void dispatch(const Problem& problem, const Settings& settings, unsigned changed, Work work) {
     answer_.result = Result();
+    minimal_ = unfinished_ = false;
     if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0 &&
         !layout_.rate_limits)
       return answer_.clear(Status::Unbounded);
@@ -104,20 +107,57 @@ class Engine {
       changed = kChangedAll;
     }
     rank_.forget();
-    if (kernels_.empty()) return answer_empty_grasp(layout_, problem, answer_);
+    if (kernels_.empty()) {
+      answer_empty_grasp(layout_, problem, answer_);
+      minimal_ = answer_.result.status == Status::Solved;
+      return;
+    }
     kernels_.dispatch(problem, changed, [&](auto& barrier) {
       if (rank_.deficient()) reduce_rank(barrier, problem);
-      work(barrier, budget, changed);
+      attempt(barrier, problem, budget, changed, work);
+      if (answer_.result.status == Status::WrenchUnreachable)
+        hold_nearest(barrier, problem, budget, changed, work);
     });
     Result& result = answer_.result;
-    if (result.status == Status::Solved && rank_.deficient() &&
-        !rank_.fits(problem, answer_.c.data()))
-      result.status = Status::Stalled;
     // The multiplier of a soft row, (f − W c)/F², may overflow where the forces are fine.
-    if ((result.status != Status::Solved || layout_.soft_wrench) && !answer_.finite())
+    if ((result.status != Status::Solved || layout_.soft_wrench) && !answer_.finite()) {
       answer_.clear(Status::InvalidNumbers);
+      minimal_ = unfinished_ = false;
+    }
     result.newton_steps = budget.steps();
     result.elapsed_us = budget.elapsed_us();
+  }
+
+  // Works towards a wrench, and looks at what has come of it.
+  template <class AnyBarrier, class Work>
+  GRASPFORCE_INLINE void attempt(AnyBarrier& barrier, const Problem& wanted, Budget& budget,
+                                 unsigned changed, Work& work) {
+    work(barrier, wanted, budget, changed);
+    Status& status = answer_.result.status;
+    if (status == Status::Solved && rank_.deficient() && !rank_.fits(wanted, answer_.c.data()))
+      status = Status::Stalled;
+    minimal_ = status == Status::Solved;
+    unfinished_ = status == Status::MaxSteps && answer_.wrench_error < kInfinity;
+  }
+
+  // No forces make f: solves for the wrench nearest to it in the range of W, or for the nearest to
+  // that where it is infeasible itself. The verdict stays.
+  template <class AnyBarrier, class Work>
+  void hold_nearest(AnyBarrier& barrier, const Problem& problem, Budget& budget, unsigned changed,
+                    Work& work) {
+    Problem nearest = problem;
+    nearest.f = range_.project(problem, rank_.all_exact_rows(), int(rank_.exact_rows().size()));
+    rank_.reach();
+    kernels_.rows(barrier).restrict_rows(nearest, rank_.rows());
+    attempt(barrier, nearest, budget, changed, work);
+    Result& result = answer_.result;
+    const bool found = result.nearest || minimal_ || unfinished_ ||
+                       result.status == Status::Infeasible || result.status == Status::OnEdge;
+    if (!found || !answer_.finite()) return answer_.clear(Status::WrenchUnreachable);
+    result.nearest = result.nearest || minimal_;
+    result.status = Status::WrenchUnreachable;
+    result.decrement = kInfinity;
+    result.violation = 0;
   }
 
   // Reduces W c = f to independent rows where it has others.
@@ -188,8 +228,11 @@ class Engine {
   Kernels kernels_;
   Fallback fallback_;
   RankExamination rank_;
+  RangeProjection range_;
   History history_;
   Answer answer_;
+  bool minimal_ = false;     // the forces of the last solve are a minimum of Phi
+  bool unfinished_ = false;  // they are strictly inside, and the budget ran out on the way
   unsigned pending_changes_ = kChangedAll;  // where nonzero, the next tick's in place of `changed`
 };
 

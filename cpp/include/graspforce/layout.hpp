@@ -4,7 +4,9 @@
 // a whole problem, and a snapshot of it is one copy.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <tuple>
 #include <vector>
 
@@ -23,6 +25,9 @@ inline constexpr double kMostUsed = 0.9;
 
 // Share of the wrenches that add up to f to which W c = f has to hold.
 inline constexpr double kBalanced = 1e-10;
+
+// A normal force whose floor is its ceiling, a set squeeze, keeps to this share of it.
+inline constexpr double kSqueeze = 1e-9;
 
 // Forces this many times as large as what the limits are made for mean that nothing holds them:
 // what stops them there is rounding in the problem's numbers.
@@ -79,13 +84,13 @@ inline std::size_t most_rows(const Layout& layout) {
          (layout.rate_limits ? layout.components() : 0);
 }
 
-// Unknowns of the general kernels: the forces and, with a soft wrench, the slack of each of its
-// rows.
+// Most unknowns of the general kernels: the forces, and the slack of each row that is soft or is
+// made so to find the nearest wrench.
 inline std::size_t unknowns(const Layout& layout) {
-  return layout.components() + (layout.soft_wrench ? layout.wrench_rows : 0);
+  return layout.components() + layout.wrench_rows;
 }
 inline std::size_t most_blocks(const Layout& layout) {
-  return layout.contacts() + (layout.soft_wrench ? layout.wrench_rows : 0);
+  return layout.contacts() + layout.wrench_rows;
 }
 
 // Components of the largest block that the contacts may ever form: joints and inequalities can come
@@ -133,5 +138,18 @@ struct Problem : Fields<const double*> {
 
   bool in_grasp(int contact) const { return engagement[contact] > kRemovalThreshold; }
 };
+
+// Between what a contact's normal force has to stay; infinite where there is no such limit. A floor
+// at the ceiling leaves a band about both.
+inline double normal_ceiling(const Layout& layout, const Problem& p, int contact) {
+  if (!layout.ceilings) return std::numeric_limits<double>::infinity();
+  const double least = layout.floors ? (1 + kSqueeze) * p.c_min[contact] : 0;
+  return p.engagement[contact] * std::max(p.c_max[contact], least);
+}
+inline double normal_floor(const Layout& layout, const Problem& p, int contact) {
+  if (!layout.floors) return -std::numeric_limits<double>::infinity();
+  const double most = layout.ceilings ? (1 - kSqueeze) * p.c_max[contact] : p.c_min[contact];
+  return p.engagement[contact] * std::min(p.c_min[contact], most);
+}
 
 }  // namespace graspforce

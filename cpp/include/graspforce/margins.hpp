@@ -52,9 +52,8 @@ inline Margins find_margins(const Layout& layout, const Problem& p, const double
     if (!p.in_grasp(i)) continue;
     const Cone cone{static_cast<int>(layout.models[i]), p.mu[i], p.mu[i] / p.gamma[i]};
     margins.friction = std::min(margins.friction, cone.margin(c + start));
-    const double normal = c[start], share = p.engagement[i];
-    if (layout.ceilings) margins.limit = std::min(margins.limit, share * p.c_max[i] - normal);
-    if (layout.floors) margins.limit = std::min(margins.limit, normal - share * p.c_min[i]);
+    margins.limit = std::min({margins.limit, normal_ceiling(layout, p, i) - c[start],
+                              c[start] - normal_floor(layout, p, i)});
     for (int j = start; layout.rate_limits && j < start + static_cast<int>(layout.models[i]); ++j)
       margins.limit = std::min(margins.limit, p.dc_max[j] - std::abs(c[j] - p.c_last[j]));
   }

@@ -33,7 +33,7 @@ struct PhaseOneResult {
     Steps,
     Overflow,
   } end = End::Steps;
-  double violation = 0;  // σ
+  double violation = 0;  // σ; below zero inside
 };
 
 class PrimalDual : public BlockPoint {
@@ -97,6 +97,7 @@ class PrimalDual : public BlockPoint {
       const double bound = dual_bound();
       if (sigma_ < 0 && balanced() && (sigma_ < 0.5 * bound || sigma_ < -kInteriorDepth)) {
         result.end = PhaseOneResult::End::Inside;
+        result.violation = sigma_;
         return result;
       }
       if (!proved && bound > 0) proved = prove(problem, y, z);
@@ -114,6 +115,44 @@ class PrimalDual : public BlockPoint {
       restore_wrench();
     result.violation = std::max(0.0, violation());
     return result;
+  }
+
+  // Leads from the point that find_inside reached, with no row exact, to the forces whose wrench is
+  // nearest to f: the slacks s of the softened rows, of which f has the size 1, then cost ½ s², and
+  // the weights, in the given ratio, go down until they no longer count. Of all forces that make
+  // that wrench these are the ones that the weights would choose. False, at the best point inside,
+  // where the budget runs out or rounding stops it.
+  bool approach(double cone_weight, double limit_weight, Budget& budget) {
+    sigma_ = dsigma_ = 0;
+    relaxed_ = false;
+    slack_weight_ = 1;
+    settle();
+    const double heavier = std::max(cone_weight, limit_weight);
+    double scale = std::max(slack_cost(), 1.0) / heavier;
+    cone_weight_ = limit_weight_ = scale * heavier;
+    update_slacks();
+    aim_at_center(1);
+    bool feasible = false;
+    for (;;) {
+      const double gap = degree_ * complementarity();
+      const bool there = cone_weight_ <= kThere * scale * cone_weight &&
+                         limit_weight_ <= kThere * scale * limit_weight;
+      if (there && feasible && near(gap, kNearest)) return true;
+      if (!budget.take()) return false;
+      best_ = c_;
+      factor();
+      direction(1);
+      const double step = std::min(1.0, 0.99 * step_limit());
+      if (!(step > kLeastStep) || !advance(step)) {
+        c_ = best_;
+        return there && feasible && near(gap, kNearly);
+      }
+      feasible = feasible || step == 1;
+      const double descent = step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
+      if (there) scale *= descent;
+      cone_weight_ = std::max(scale * cone_weight, descent * cone_weight_);
+      limit_weight_ = std::max(scale * limit_weight, descent * limit_weight_);
+    }
   }
 
   // Leads from the point that find_inside reached to the minimum of Phi. It sets out with all
@@ -148,6 +187,7 @@ class PrimalDual : public BlockPoint {
   static constexpr double kInteriorDepth = 0.1;  // a relative slack with which Newton starts well
   static constexpr double kLeast = 1e-7;         // relative accuracy of the least violation
   static constexpr double kClosest = 1e-13;
+  static constexpr double kThere = 1 + 1e-9;  // of a weight to its target, but for rounding
   static constexpr double kLeastStep = 1e-6;
   static constexpr double kDescent = 0.1;  // of a weight on its way down, after a good step
   static constexpr double kClose = 1e-2;   // squared distance to the target for Newton to take over
@@ -223,6 +263,21 @@ class PrimalDual : public BlockPoint {
              [&](int, const Tip& tip, Lifted& cone) {
                lorentz::center(cone.s, tip.cone.dim, tau * cone_weight_, cone.z);
              });
+  }
+
+  // What ends an approach, where the size of f is 1.
+  struct Nearness {
+    double share;     // of the squared distance to f
+    double rounding;  // of the distance
+    double floor;
+  };
+  static constexpr Nearness kNearest{1e-11, 2e-13, 1e-16};
+  static constexpr Nearness kNearly{1e-9, 1e-9, 1e-13};  // where rounding ends it
+
+  // Whether what is left to gain is nothing beside the squared distance to f.
+  bool near(double gap, const Nearness& most) const {
+    const double cost = slack_cost();
+    return gap < std::max({most.share * cost, most.rounding * std::sqrt(cost), most.floor});
   }
 
   // What the soft rows' slacks cost.

@@ -16,12 +16,14 @@ from graspforce import equations
 from graspforce._engine.outcome import Outcome, Status
 from graspforce._util.arrays import Array
 from graspforce.certificate import Certificate
-from graspforce.equations import RUNAWAY, Barriers
+from graspforce.equations import RUNAWAY
 from graspforce.problem import ForceProblem
 from graspforce.reference.phase_one import find_inside
 
 # SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
 WRENCH_TOLERANCE = 1e-9
+# ON_EDGE means that limits moved out by this share admit the forces, which make f to that one.
+EDGE, EDGE_TOLERANCE = 1e-9, 1e-7
 # Relative tolerance of a certified bound.
 BOUND_TOLERANCE = 1e-6
 # Most Newton steps of the search for forces that show UNBOUNDED.
@@ -69,16 +71,18 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
         bounded = decrement <= (1 + BOUND_TOLERANCE) * outcome.decrement + error
         well_formed = (
             np.isfinite(whole).all() and np.isfinite(outcome.nu).all() and not whole[~active].any()
-        )
+        ) and (inside or not outcome.nearest)
         holds = _certificate_holds(outcome, problem)
         match Status(outcome.status):
             case Status.SOLVED:
                 ok = inside and _is_balanced(whole, problem)
             case Status.INFEASIBLE:
-                scales = inner.violation_scales()
-                ok = bool(holds) and _within_violation(c, barriers, scales, outcome.violation)
+                admitted = inside or _within_violation(c, inner, outcome.violation)
+                ok = bool(holds) and admitted
             case Status.WRENCH_UNREACHABLE:
                 ok = not equations.wrench_reachable(*inner.equalities)
+            case Status.ON_EDGE:
+                ok = _makes_edge(c, inner) and _within_violation(c, inner, EDGE)
             case Status.UNBOUNDED:
                 ok = not problem.has_limits or _is_unbounded(inner)
             case Status.MAX_STEPS | Status.STALLED:
@@ -95,6 +99,14 @@ def _is_balanced(c: Array, problem: ForceProblem) -> bool:
     return bool(equations.relative_wrench_error(c, *problem.equalities) <= WRENCH_TOLERANCE)
 
 
+def _makes_edge(c: Array, problem: ForceProblem) -> bool:
+    """Whether W c = f to 1e-7 of f, or of what the limits are made for where nothing is asked."""
+    W, f = problem.equalities
+    size = float(equations.force_size(problem.barriers, f)) if not f.any() else 0.0
+    error = equations.wrench_error(c, W, f)
+    return bool(error <= EDGE_TOLERANCE * np.maximum(size, (np.abs(W) @ np.abs(c)).max()))
+
+
 def _certificate_holds(outcome: Outcome, problem: ForceProblem) -> bool | None:
     """Whether the certificate holds; None without one."""
     y, z = outcome.y, outcome.z
@@ -103,10 +115,15 @@ def _certificate_holds(outcome: Outcome, problem: ForceProblem) -> bool | None:
     return Certificate(y, z[problem.counted_limits()]).proves_infeasible(problem)
 
 
-def _within_violation(
-    c: Array, barriers: Barriers, scales: tuple[Array, Array], violation: float
-) -> bool:
-    """Whether cones and limits that are moved out by a relative violation admit the forces."""
+def _within_violation(c: Array, problem: ForceProblem, violation: float) -> bool:
+    """Whether cones and limits that are moved out by a relative violation admit the forces.
+
+    Args:
+        c: the forces.
+        problem: every contact in the grasp.
+        violation: how far.
+    """
+    barriers, scales = problem.barriers, problem.violation_scales()
     A, b = np.abs(barriers.A), np.abs(barriers.b)
     rounding = 64 * np.finfo(float).eps * ((A @ np.abs(c) + b) / scales[0]).max(initial=0.0)
     found = equations.relative_violation(c, barriers, scales)
