@@ -53,7 +53,7 @@ class Servo:
             mu, gamma, alpha: the next tick's fields of a :class:`ForceProblem`, arrays that live
             in the Servo and are written in place (``servo.alpha[...] = 3``); empty where the first
             problem had none. With rate limits, ``c_last`` is overwritten by the forces of every
-            tick that is SOLVED.
+            tick that is SOLVED or ``nearest``.
     """
 
     __slots__ = {

@@ -55,7 +55,6 @@ from graspforce.equations import (
     particular_and_nullspace,
     phi_lin,
     slacks,
-    strictly_inside,
     torque_limits,
 )
 from graspforce.problem import ForceProblem
@@ -399,11 +398,10 @@ def _not_inside(
         return PlainOutcome(status, steps, problem.scatter(c), nu)
     if first.certificate is None:
         edge = move_inward(inner, c, max_steps - steps)
-        c, steps = problem.scatter(edge.c), steps + edge.steps
-        return PlainOutcome(Status.ON_EDGE, steps, c, nu, nearest=edge.found)
-    nearest = find_nearest(inner, max_steps - steps)
-    c = problem.scatter(c if nearest.c is None else nearest.c)
-    steps += nearest.steps
+        steps += edge.steps
+        return PlainOutcome(Status.ON_EDGE, steps, problem.scatter(edge.c), nu, nearest=edge.found)
+    nearest = find_nearest(inner, c, max_steps - steps)
+    c, steps = problem.scatter(nearest.c), steps + nearest.steps
     y, z = first.certificate.y, problem.scatter_multipliers(first.certificate.z)
     return PlainOutcome(
         Status.INFEASIBLE, steps, c, y, violation=first.violation, y=y, z=z, nearest=nearest.found
@@ -411,18 +409,21 @@ def _not_inside(
 
 
 def _hold_nearest(problem: ForceProblem, settings: Settings, start: Array | None) -> PlainOutcome:
-    """f is out of W's range: solve for the wrench nearest to it there, and say so."""
+    """Solve for the wrench nearest to f in the range of W, which does not hold f itself."""
     empty = _empty_outcome(problem, Status.WRENCH_UNREACHABLE)
     inner = problem.restricted()
     if not inner.n:
         return empty
-    found = _solve(problem.replace(f=project_wrench(inner)), settings, start)
-    nearest = found.nearest or found.status == Status.SOLVED
-    if not nearest and found.status not in (Status.INFEASIBLE, Status.ON_EDGE):
+    nearest = problem.replace(f=project_wrench(inner))
+    if not equations.wrench_reachable(*nearest.restricted().equalities):
+        return empty  # numbers that are lost to rounding
+    found = _solve(nearest, settings, start)
+    held = found.nearest or found.status == Status.SOLVED
+    if not held and found.status not in (Status.INFEASIBLE, Status.ON_EDGE):
         return replace(empty, newton_steps=found.newton_steps)
     return replace(
         empty, newton_steps=found.newton_steps, c=found.c, nu=found.nu, start=found.start,
-        nearest=nearest,
+        nearest=held,
     )  # fmt: skip
 
 

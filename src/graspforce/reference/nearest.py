@@ -32,12 +32,13 @@ class Nearest(NamedTuple):
     """Where the search ended.
 
     Attributes:
-        c: the forces, shape (m,), strictly inside every cone and limit; None: no such are known.
+        c: the forces, shape (m,).
         steps: Newton steps taken.
-        found: whether no forces inside make a wrench nearer to f.
+        found: whether they are strictly inside every cone and limit, and no others inside make a
+            wrench nearer to f.
     """
 
-    c: Array | None
+    c: Array
     steps: int
     found: bool = False
 
@@ -79,7 +80,7 @@ def _find_any(problem: ForceProblem, max_steps: int) -> PhaseOne:
     return find_inside(free, np.eye(problem.m), np.zeros(problem.m), max_steps, WELL_INSIDE)
 
 
-def find_nearest(problem: ForceProblem, max_steps: int) -> Nearest:
+def find_nearest(problem: ForceProblem, known: Array, max_steps: int) -> Nearest:
     """Minimise ½‖(W c − f)/scale‖² inside the cones and limits, by barriers that fade away.
 
     ½‖(W c − f)/scale‖² + t·Phi(c) is minimised for smaller and smaller t, each time from the last
@@ -87,6 +88,7 @@ def find_nearest(problem: ForceProblem, max_steps: int) -> Nearest:
 
     Args:
         problem: every contact in the grasp.
+        known: forces to return where none strictly inside are found, shape (m,).
         max_steps: the most Newton steps.
     """
     exact, scales = problem.exact, problem.wrench_scales()
@@ -96,12 +98,13 @@ def find_nearest(problem: ForceProblem, max_steps: int) -> Nearest:
     N, first = np.eye(problem.m), _find_any(problem, max_steps)
     c, steps = first.c, first.steps
     if not strictly_inside(c, problem.barriers):
-        return Nearest(None, steps)
-    barriers = problem.barriers._replace(S=W / softness[:, None], t=f / softness)
+        return Nearest(known, steps)
+    S, lack = W / softness[:, None], f / softness
+    barriers = problem.barriers._replace(S=S, t=lack)
     terms = 2 * problem.n + problem.alpha * len(barriers.b)
     share = 1.0
     while steps < max_steps:
-        faded = barriers._replace(S=barriers.S / math.sqrt(share), t=barriers.t / math.sqrt(share))
+        faded = barriers._replace(S=S / math.sqrt(share), t=lack / math.sqrt(share))
         # The Hessian G.T G itself holds squares that differ by more than double precision does.
         G, gradient = equations.factored_derivatives(c, faded)
         columns = np.linalg.norm(G, axis=0)

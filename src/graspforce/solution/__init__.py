@@ -300,8 +300,8 @@ class Solution(native.SolutionBase):
 
         * SOLVED: c is strictly inside every cone and limit, and W c = f holds to 1e-9 of the
           wrenches that add up to f, but for its soft rows.
-        * INFEASIBLE: the certificate proves it, and c is strictly inside every cone and limit, or
-          limits moved out by ``violation`` admit it.
+        * INFEASIBLE: the certificate proves it, and no larger violation than is stated; c is
+          strictly inside every cone and limit, or limits moved out by ``violation`` admit it.
         * WRENCH_UNREACHABLE: f is out of the range of W by more than 1e-9.
         * ON_EDGE: limits moved out by 1e-9 admit c, and W c = f holds to 1e-7.
         * Any of these with ``nearest``: c is strictly inside.

@@ -24,8 +24,8 @@ from graspforce.reference.phase_one import find_inside
 WRENCH_TOLERANCE = 1e-9
 # ON_EDGE means that limits moved out by this share admit the forces, which make f to that one.
 EDGE, EDGE_TOLERANCE = 1e-9, 1e-7
-# Relative tolerance of a certified bound.
-BOUND_TOLERANCE = 1e-6
+# Relative tolerance of a certified bound; and a violation that is none, of empty grasps as well.
+BOUND_TOLERANCE, ROUNDING = 1e-6, 1e-9
 # Most Newton steps of the search for forces that show UNBOUNDED.
 MAX_SEARCH_STEPS = 200
 
@@ -78,7 +78,7 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
                 ok = inside and _is_balanced(whole, problem)
             case Status.INFEASIBLE:
                 admitted = inside or _within_violation(c, inner, outcome.violation)
-                ok = bool(holds) and admitted
+                ok = bool(holds) and admitted and _at_least_proved(outcome, problem)
             case Status.WRENCH_UNREACHABLE:
                 ok = not equations.wrench_reachable(*inner.equalities)
             case Status.ON_EDGE:
@@ -113,6 +113,24 @@ def _certificate_holds(outcome: Outcome, problem: ForceProblem) -> bool | None:
     if y is None or z is None:
         return None
     return Certificate(y, z[problem.counted_limits()]).proves_infeasible(problem)
+
+
+def _at_least_proved(outcome: Outcome, problem: ForceProblem) -> bool:
+    """Whether the violation is no smaller than the certificate proves.
+
+    Limits and cones that are moved out by sigma of their scales let y·f − z·b be at most sigma
+    times what the multipliers make of the scales.
+    """
+    y, z = outcome.y, outcome.z
+    if y is None or z is None:
+        return False
+    certificate = Certificate(y, z[problem.counted_limits()])
+    A, _ = problem.linear_limits()
+    e = A.T @ certificate.z - problem.W.T @ y
+    of_rows, of_cones = problem.violation_scales()
+    normals = (e[problem.starts[:-1]] * of_cones / problem.mu)[problem.active]
+    bound = certificate.excess(problem) / (certificate.z @ of_rows + normals.sum())
+    return bool(outcome.violation >= (1 - BOUND_TOLERANCE) * bound - ROUNDING)
 
 
 def _within_violation(c: Array, problem: ForceProblem, violation: float) -> bool:
