@@ -51,6 +51,9 @@ class Outcome:
     def violation(self) -> float: ...
 
     @property
+    def nearest(self) -> bool: ...
+
+    @property
     def start(self) -> int: ...
 
     @property
