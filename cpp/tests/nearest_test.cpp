@@ -101,8 +101,15 @@ static void a_servo_holds_a_pinch(Model model, double gamma, bool reachable) {
   std::vector<std::vector<double>> c;
   int steps = 0, missed = 0;
   for (int tick = 0; tick <= ticks; ++tick) {
-    pinch(servo, model, 5e-3 * (1 - std::abs(1 - 2.0 * tick / ticks)));
+    const double offset = 5e-3 * (1 - std::abs(1 - 2.0 * tick / ticks));
+    pinch(servo, model, offset);
     const Status status = servo.tick();
+    if (model == Model::PCWF) {  // a lift of F turns the object by offset·F, which counts by `size`
+      const double size = std::sqrt(2.0 / 3) * std::hypot(0.02, offset);
+      double lift = 0;
+      for (int i = 0; i < m; ++i) lift += servo.W(2, i) * servo.c()[i];
+      EXPECT(std::abs(lift - 1.96 / (1 + std::pow(offset / size, 2))) < 1e-9);
+    }
     EXPECT(status == Status::Solved || servo.result().nearest);
     missed += status != Status::Solved;
     EXPECT(servo.margins().inside());
