@@ -34,7 +34,7 @@ static double resident_megabytes() {
 }
 
 struct Tally {
-  long ticks = 0, verdicts[7] = {}, refused = 0, steps = 0, longest = 0;
+  long ticks = 0, verdicts[8] = {}, refused = 0, steps = 0, longest = 0;
   long allocations = 0, faults = 0, compared = 0, disagreements = 0;
   double worst_drift = 0;
 };

@@ -399,3 +399,12 @@ def test_29_a_soft_wrench(rng):
     assert found.phi == pytest.approx(
         gf.solve(problem.replace(f=problem.W @ found.c, f_soft=None)).phi + cost, abs=1e-3
     )
+
+
+def test_30_a_set_squeeze():
+    grasp, problem = pair(gf.PCWF(0.5), c_max=3.0, c_min=3.0)
+    found = gf.solve(problem([0, 0, 1, 0, 0, 0]))
+    assert found.status is gf.Status.SOLVED
+    assert found.normal_forces == pytest.approx([3.0] * len(grasp.contacts), rel=1e-9)
+    assert found.verify().ok
+    assert found.problem.linear_limits()[1] == pytest.approx([3.0] * 2 + [-3.0] * 2, rel=2e-9)

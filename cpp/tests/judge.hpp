@@ -46,7 +46,7 @@ class Judge {
       if (slips(engine.forces())) return "the nearest wrench, and a contact slips";
       if (passes_a_limit(engine.forces())) return "the nearest wrench, and a limit is passed";
     }
-    if (result.status == Status::OnEdge && !makes_edge(engine.forces()))
+    if (result.status == Status::OnEdge && !(wrench_error(engine.forces()) <= 1e-7L))
       return "on the edge, and the wrench is another";
     if (result.status == Status::Infeasible &&
         !proves_infeasible(engine.certificate_y(), engine.certificate_z()))
@@ -70,24 +70,10 @@ class Judge {
       worst = std::max(worst, std::abs(sum));
       scale = std::max(scale, size);
     }
-    return scale > 0 ? worst / scale : 0;
+    return worst > m_ * kLeast ? worst / scale : 0;  // but for what underflows in double
   }
 
  private:
-  // W c = f, to 1e-7 of what the limits are made for where nothing is asked.
-  bool makes_edge(const double* c) const {
-    const bool asked =
-        std::any_of(p_.f, p_.f + layout_.wrench_rows, [](double f) { return f != 0; });
-    if (asked) return wrench_error(c) <= 1e-7L;
-    Real size = 0, most = 0;
-    each_limit([&](int, auto entry, Real bound, Real) {
-      for (int i = 0; i < m_; ++i)
-        if (entry(i) != 0) size = std::max(size, std::abs(bound) / std::abs(Real(entry(i))));
-    });
-    for (int i = 0; i < m_; ++i) most = std::max(most, std::abs(Real(c[i])));
-    return most <= 1e-7L * size;
-  }
-
   static constexpr long double kUnit = 4e-16L;  // of rounding, a term
   static constexpr long double kLeast = std::numeric_limits<double>::denorm_min();
 

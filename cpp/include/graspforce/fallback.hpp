@@ -50,14 +50,11 @@ class Fallback {
     const bool soft = blocks_.layout().soft_wrench;
     if (soft) blocks_.restrict_rows(problem, rank.exact_rows());
     const PhaseOneResult phase = primal_dual_.find_inside(problem, budget, answer.y, answer.z);
-    const auto find_nearest = [&] {
-      this->find_nearest(problem, rank, kernels.cone_weight(), kernels.limit_weight(), budget,
-                         answer);
-    };
     if (phase.end != PhaseOneResult::End::Inside) {
       give_up(phase, kernels, answer);
-      if (answer.result.status == Status::Infeasible || answer.result.status == Status::OnEdge)
-        find_nearest();
+      if (answer.result.status == Status::Infeasible)
+        find_nearest(problem, rank, kernels.cone_weight(), kernels.limit_weight(), budget, answer);
+      if (answer.result.status == Status::OnEdge) keep_to_edge(problem, rank, budget, answer);
       return;
     }
     if (soft) blocks_.restrict_rows(problem, rank.rows());
@@ -74,7 +71,7 @@ class Fallback {
     if (answer.result.status == Status::Stalled && phase.violation > -kEdge) {
       answer.clear(Status::OnEdge);  // inside by rounding alone
       primal_dual_.get_forces(answer.c.data());
-      find_nearest();
+      keep_to_edge(problem, rank, budget, answer);
     }
   }
 
@@ -84,15 +81,10 @@ class Fallback {
   // budget spent it gets the nearest so far, if there is any.
   void find_nearest(const Problem& problem, const RankExamination& rank, double cone_weight,
                     double limit_weight, Budget& budget, Answer& answer) {
-    static const std::vector<int> none;
     const std::vector<int>& exact = rank.all_exact_rows();
-    blocks_.restrict_rows(problem, none);
-    const PhaseOneResult phase = primal_dual_.find_inside(problem, budget, unused_y_, unused_z_);
-    if (phase.end != PhaseOneResult::End::Inside) return;
-    primal_dual_.get_forces(c_.data());
-    if (answer.result.status == Status::OnEdge) return move_inward(phase.violation, answer);
+    if (find_any(problem, budget).end != PhaseOneResult::End::Inside) return;
     wrench_scales(blocks_.layout(), problem, scale_.data());
-    double size = 0;  // of f, or where nothing is asked of what the limits are made for
+    double size = 0;  // of f, or of what the limits are made for
     for (int r : exact) size = std::max(size, std::abs(problem.f[r]) / scale_[r]);
     if (!(size > 0)) size = blocks_.size();
     for (int r : exact) softness_[r] = size * scale_[r];
@@ -102,25 +94,37 @@ class Fallback {
     primal_dual_.set_forces(c_.data());
     answer.result.nearest = primal_dual_.approach(cone_weight, limit_weight, budget);
     primal_dual_.get_forces(answer.c.data());
-    mix(kInward, answer);
+    for (std::size_t i = 0; i < c_.size(); ++i) answer.c[i] += kInward * (c_[i] - answer.c[i]);
     blocks_.harden(exact);
     allot();
   }
 
  private:
-  // The way from forces on the edge to c_, whose σ is the given one, as far as it takes to be
-  // strictly inside; not at all where that is too far.
-  void move_inward(double sigma, Answer& answer) {
-    const double outside = answer.result.violation, depth = outside - sigma;
-    const double share = kInward + 2 * outside / depth;
+  // Moves forces on the edge, which violate limits by no more than kEdge, as far inside as it takes
+  // to be so by more than rounding; not at all where the wrench would suffer.
+  void keep_to_edge(const Problem& problem, const RankExamination& rank, Budget& budget,
+                    Answer& answer) {
+    const double outside = answer.result.violation;
     answer.result.violation = 0;
-    if (!(share < kMostInward)) return;
-    mix(share, answer);
+    if (!rank.fits(problem, answer.c.data())) {
+      answer.result.status = Status::Stalled;
+      return;
+    }
+    const PhaseOneResult phase = find_any(problem, budget);
+    if (phase.end != PhaseOneResult::End::Inside) return;
+    const double share = kInward + 2 * outside / (outside - phase.violation);
+    for (std::size_t i = 0; i < c_.size(); ++i) c_[i] = answer.c[i] + share * (c_[i] - answer.c[i]);
+    if (!(share < kMostInward) || !rank.fits(problem, c_.data())) return;
+    std::copy(c_.begin(), c_.end(), answer.c.begin());
     answer.result.nearest = true;
   }
 
-  void mix(double share, Answer& answer) const {
-    for (std::size_t i = 0; i < c_.size(); ++i) answer.c[i] += share * (c_[i] - answer.c[i]);
+  // Forces well inside all limits, whatever their wrench, into c_.
+  PhaseOneResult find_any(const Problem& problem, Budget& budget) {
+    blocks_.restrict_rows(problem, {});
+    const PhaseOneResult phase = primal_dual_.find_inside(problem, budget, unused_y_, unused_z_);
+    primal_dual_.get_forces(c_.data());
+    return phase;
   }
 
   // Infeasible, or undecided. Without a verdict, forces inside the limits that lack some of f are
@@ -128,7 +132,7 @@ class Fallback {
   template <class AnyBarrier>
   void give_up(const PhaseOneResult& phase, AnyBarrier& kernels, Answer& answer) {
     using End = PhaseOneResult::End;
-    const bool edge = phase.end == End::Closest && phase.violation < kEdge;
+    const bool edge = phase.end == End::Closest && phase.balanced && phase.violation < kEdge;
     if (edge || answer.wrench_error == kInfinity) {
       primal_dual_.get_forces(answer.c.data());
       kernels.set_forces(answer.c.data());

@@ -33,7 +33,8 @@ struct PhaseOneResult {
     Steps,
     Overflow,
   } end = End::Steps;
-  double violation = 0;  // σ; below zero inside
+  double violation = 0;   // σ; below zero inside
+  bool balanced = false;  // the point makes the wrench
 };
 
 class PrimalDual : public BlockPoint {
@@ -114,6 +115,7 @@ class PrimalDual : public BlockPoint {
     else
       restore_wrench();
     result.violation = std::max(0.0, violation());
+    result.balanced = balanced();
     return result;
   }
 

@@ -24,6 +24,8 @@ NEARLY = 1e-8
 WELL_INSIDE = 0.1
 # Share of the way there that forces on the edge are moved, and the largest that may take.
 INWARD, MOST_INWARD = 1e-11, 1e-7
+# Share of the wrenches that add up to f to which they have to make it after that.
+WRENCH_TOLERANCE = 1e-9
 # Decrement with which a minimum counts as reached.
 CENTERED = 0.1
 
@@ -53,7 +55,7 @@ def project_wrench(problem: ForceProblem) -> Array:
 
 
 def move_inward(problem: ForceProblem, edge: Array, max_steps: int) -> Nearest:
-    """Move forces on the edge inside, as far as it takes to be so by more than rounding.
+    """Move forces on the edge inside by more than rounding, where f does not suffer by it.
 
     Args:
         problem: every contact in the grasp.
@@ -69,9 +71,11 @@ def move_inward(problem: ForceProblem, edge: Array, max_steps: int) -> Nearest:
     if inside >= 0:
         return Nearest(edge, first.steps)
     share = INWARD + 2 * outside / (outside - inside)
-    if share > MOST_INWARD:
+    c = edge + share * (first.c - edge)
+    error = equations.relative_wrench_error(c, *problem.equalities)
+    if share > MOST_INWARD or error > WRENCH_TOLERANCE:
         return Nearest(edge, first.steps)
-    return Nearest(edge + share * (first.c - edge), first.steps, found=True)
+    return Nearest(c, first.steps, found=True)
 
 
 def _find_any(problem: ForceProblem, max_steps: int) -> PhaseOne:

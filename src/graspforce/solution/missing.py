@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from graspforce._util.arrays import Array
-from graspforce.contact import SFC
 from graspforce.problem import ForceProblem, row_kinds
 
 # A component below this share of the largest, by the scales of the rows, is not named.
@@ -39,7 +38,7 @@ def in_words(problem: ForceProblem, c: Array, nearest: bool) -> str:
     counts = f" (a torque counts by {scales[torques][0]:.3g} m)" if scales[torques].size else ""
     what = f"the nearest wrench{counts}, which" if nearest else "a wrench that"
     twisted = (sizes[torques] > _LEAST * sizes.max()).any()
-    soft = any(isinstance(model, SFC) for model in problem.models)
+    soft = 4 in problem.layout.dims
     helps = ["soft fingers"] if twisted and not soft else []
     helps.append("another contact")
     if not problem.layout.soft_wrench:

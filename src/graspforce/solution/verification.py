@@ -82,7 +82,8 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
             case Status.WRENCH_UNREACHABLE:
                 ok = not equations.wrench_reachable(*inner.equalities)
             case Status.ON_EDGE:
-                ok = _makes_edge(c, inner) and _within_violation(c, inner, EDGE)
+                error = equations.relative_wrench_error(whole, *problem.equalities)
+                ok = bool(error <= EDGE_TOLERANCE) and _within_violation(c, inner, EDGE)
             case Status.UNBOUNDED:
                 ok = not problem.has_limits or _is_unbounded(inner)
             case Status.MAX_STEPS | Status.STALLED:
@@ -97,14 +98,6 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
 
 def _is_balanced(c: Array, problem: ForceProblem) -> bool:
     return bool(equations.relative_wrench_error(c, *problem.equalities) <= WRENCH_TOLERANCE)
-
-
-def _makes_edge(c: Array, problem: ForceProblem) -> bool:
-    """Whether W c = f to 1e-7 of f, or of what the limits are made for where nothing is asked."""
-    W, f = problem.equalities
-    size = float(equations.force_size(problem.barriers, f)) if not f.any() else 0.0
-    error = equations.wrench_error(c, W, f)
-    return bool(error <= EDGE_TOLERANCE * np.maximum(size, (np.abs(W) @ np.abs(c)).max()))
 
 
 def _certificate_holds(outcome: Outcome, problem: ForceProblem) -> bool | None:
