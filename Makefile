@@ -4,14 +4,19 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: reproduce test matrix matrix-short lint bench instructions campaign decrements fuzz soak portable clean
-CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp')
+.PHONY: reproduce test docs matrix matrix-short lint bench instructions campaign decrements fuzz soak portable clean
+CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp' -o -name '*.[ch]')
 
 reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
 	$(VENV)/bin/python -m graspforce reproduce --out results
 
 test: $(VENV)/test.installed  ## all tests
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadfile
+
+docs: $(VENV)/dev.installed  ## the site, into build/site, without a network
+	$(VENV)/bin/codespell *.md docs examples/gallery
+	$(VENV)/bin/sphinx-build --quiet -a -W --keep-going -j auto -d build/doctrees docs build/site
+	$(VENV)/bin/python -m pytest -q -p no:cacheprovider tests/built_site.py
 
 matrix: $(VENV)/dev.installed  ## the tests under other processors, versions and habits, about an hour
 	$(VENV)/bin/python tests/matrix.py
@@ -76,4 +81,4 @@ $(VENV)/%.installed: $(NATIVE)
 	touch $(INSTALLED:%=$(VENV)/%.installed)
 
 clean:
-	rm -rf $(VENV) build dist results
+	rm -rf $(VENV) build dist results docs/gallery docs/sg_execution_times.rst

@@ -36,7 +36,7 @@ ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "build" / "matrix"
 # Everything where the numbers of this machine's processor are not what is tested is left out.
 WITHOUT_NUMBERS = (
-    "allegro", "bench", "campaign", "cli", "compare", "cpp", "docs_hands", "figures", "files",
+    "allegro", "bench", "campaign", "cli", "compare", "cpp", "docs", "figures", "files",
     "imports", "instructions", "readme", "report", "sim_*",
 )  # fmt: skip
 # Pinocchio needs NumPy 2, and nothing else does: no Python is so old as to get it.

@@ -15,10 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ALLEGRO
+from models import paper_hand_urdf
 
 import graspforce as gf
 from graspforce import files
 from graspforce.cli import main
+from graspforce.scenarios.random import grasps
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -49,7 +51,7 @@ def rows(table):
 # ---- help and version --------------------------------------------------------------------------
 
 
-COMMANDS = ("solve", "scenario", "simulate", "reproduce", "bench", "compare")
+COMMANDS = ("solve", "explain", "hand", "scenario", "simulate", "reproduce", "bench", "compare")
 
 
 @pytest.mark.parametrize("command", [[], *([each] for each in COMMANDS)])
@@ -97,6 +99,63 @@ def test_cli_version():
     assert (done.returncode, done.stdout) == (0, f"graspforce {gf.__version__}\n")
 
 
+# ---- hand --------------------------------------------------------------------------------------
+
+TWO_FINGERS = """<mujoco><worldbody><body name="palm"><geom type="box" size=".03 .03 .01"/>
+  <body name="p1" pos=".03 0 .02"><joint name="a1" axis="0 1 0"/><geom size=".01"/>
+    <body name="d1" pos="0 0 .04"><joint name="a2" axis="0 1 0"/><geom size=".01"/></body></body>
+  <body name="p2" pos="-.03 0 .02"><joint name="b1" axis="0 1 0"/><geom size=".01"/>
+    <body name="d2" pos="0 0 .04"><joint name="b2" axis="0 1 0"/><geom size=".01"/></body></body>
+  </body></worldbody>
+  <tendon><fixed name="cable"><joint joint="b1" coef=".01"/><joint joint="b2" coef=".008"/></fixed>
+  </tendon><equality><joint joint1="a2" joint2="a1" polycoef="0 .7 0 0 0"/></equality>
+  <actuator><motor joint="a1" ctrlrange="-.5 .5" forcerange="-1 1"/>
+    <motor tendon="cable" ctrlrange="-20 0"/></actuator></mujoco>"""
+
+
+def test_cli_hand_prints_what_is_understood_of_an_mjcf(tmp_path):
+    pytest.importorskip("mujoco")
+    path, picture = tmp_path / "hand.xml", tmp_path / "hand.png"
+    path.write_text(TWO_FINGERS)
+    done = run("hand", path, "--out", picture)
+    assert (done.returncode, done.stderr) == (0, "")
+    cells = [re.split(r"\s{2,}", line.strip()) for line in done.stdout.splitlines()]
+    assert ["d1", "d1", "a1"] in cells
+    assert ["d2", "d2", "cable"] in cells
+    assert ["a1", "-0.5", "0.5", "N·m", "forcerange, ctrlrange"] in cells
+    assert ["cable", "-20", "0", "N", "ctrlrange"] in cells
+    for line in ("no motor controls 1 of 2 motions of 'b1', 'b2'", "'a1' also moves 'a2' by 0.7"):
+        assert len([each for each in done.stdout.splitlines() if each.startswith(line)]) == 1
+    assert "2 fingers, 2 motors; q holds 3 angles: a1, b1, b2" in done.stdout
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert run("hand", path, "--out", tmp_path / "hand.gif").returncode == 2
+    tips = run("hand", path, "--tip", "d1", "--tau-max", "0.2").stdout
+    assert "1 fingers, 1 motors" in tips
+    assert "--tau-max" in tips
+
+
+def test_cli_hand_reads_a_urdf_whatever_its_name(tmp_path):
+    pytest.importorskip("pinocchio")
+    path = tmp_path / "robot.xml"
+    path.write_text(paper_hand_urdf("radial"))
+    done = run("hand", path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "4 fingers, 12 motors" in done.stdout
+    assert re.search(r"finger4_knee +-0.5 +0.5 +N·m +effort", done.stdout)
+    assert "Nothing to remark" in done.stdout
+
+
+def test_cli_hand_refuses_in_one_line(tmp_path):
+    pytest.importorskip("mujoco")
+    still = tmp_path / "still.xml"
+    still.write_text('<mujoco><worldbody><body><geom size=".1"/></body></worldbody></mujoco>')
+    for path, text in ((still, "nothing in it is moved by a motor"), ("none.xml", "no such file")):
+        done = run("hand", path)
+        assert done.returncode == 2
+        assert done.stderr.count("\n") == 1
+        assert text in done.stderr
+
+
 # ---- solve -------------------------------------------------------------------------------------
 
 
@@ -138,7 +197,8 @@ def test_cli_solve_writes_everything(tmp_path, ending):
     assert done.returncode == 0
     assert str(out) in done.stdout
     expected = tmp_path / f"expected.{ending}"
-    files.write(expected, [(name, gf.solve(problem)) for name, problem in files.read(SEVERAL)])
+    names, problems = zip(*files.read(SEVERAL), strict=True)
+    files.write(expected, list(zip(names, gf.solve_many(problems), strict=True)))
     if ending == "npz":
         with np.load(out) as a, np.load(expected) as b:
             assert set(a) == set(b)
@@ -154,7 +214,7 @@ def test_cli_options_override_every_grasp(tmp_path):
     for got, (name, problem) in zip(
         json.loads(out.read_text(encoding="utf-8"))["results"], files.read(SEVERAL), strict=True
     ):
-        solution = gf.solve(problem.replace(alpha=30, c_max=50), gf.Settings(tol=1e-12))
+        (solution,) = gf.solve_many([problem.replace(alpha=30, c_max=50)], gf.Settings(tol=1e-12))
         assert (got["name"], got["alpha"], got["c"]) == (name, 30, solution.c.tolist())
 
 
@@ -366,3 +426,21 @@ def test_cli_scenario_does_not_replace_what_nobody_named(tmp_path):
         "graspforce: static.csv: exists already; name it with --out to replace it\n"
     )
     assert (tmp_path / "static.csv").read_text() == "precious"
+
+
+@pytest.mark.parametrize("options", [(), ("--rows",)])
+def test_cli_of_many_grasps_shows_a_summary_unless_asked_for_rows(tmp_path, options):
+    problems = grasps(60)
+    f = np.array([problem.f for problem in problems])
+    f[7] *= 1e4
+    path = tmp_path / "many.npz"
+    np.savez(
+        path, f=f, tau_limit=0.5,
+        **{name: np.array([getattr(each, name) for each in problems]) for name in ("W", "J", "mu")},
+    )  # fmt: skip
+    done = run("solve", path, *options)
+    assert done.returncode == 0
+    assert "60 grasps: " in done.stdout
+    assert ("many[59]" in done.stdout) or not options
+    assert ("median" in done.stdout) is not bool(options)
+    assert len(done.stdout.splitlines()) < 45 or options

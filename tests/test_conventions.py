@@ -14,7 +14,7 @@ import pytest
 from grasps import plant
 
 import graspforce as gf
-from graspforce import regrasp, trajectory
+from graspforce import equations, regrasp, trajectory
 
 PAGE = Path(__file__).parents[1] / "docs" / "conventions.md"
 
@@ -401,7 +401,51 @@ def test_29_a_soft_wrench(rng):
     )
 
 
-def test_30_a_set_squeeze():
+def test_30_contacts_that_pull():
+    up = gf.Contact([0, 0, 0], [0, 0, -1], gf.PCWF(0.5, pull=3))
+    problem = gf.Grasp([up]).problem([0.2, 0, 1.2, 0, 0, 0], c_max=9, engagement=0.8)
+    found = gf.solve(problem.replace(W=problem.W[:3], f=problem.f[:3]), check=True)
+    n, *t = found.c
+    assert n == pytest.approx(-1.2)  # what the object feels; n > −.8·3
+    assert np.hypot(*t) == pytest.approx(0.2)
+    assert found.friction_margins[0] == pytest.approx(0.5 * (-1.2 + 0.8 * 3) - 0.2)
+    assert found.phi == pytest.approx(
+        -np.log(0.25 * 1.2**2 - 0.2**2) - problem.alpha * np.log(0.8 * 9 + 1.2)
+    )
+
+
+def test_31_internal_forces_of_motors():
+    # One push, and a motor each way on its joint: the second against the first.
+    problem = gf.ForceProblem(
+        [[1.0]], [2.0], gf.FPC(), J=[[0.5, 0]], internal=[[1, 1]], tau_lo=0, tau_hi=[9, 3],
+        tau_bias=[0.1, 0],
+    )  # fmt: skip
+    found = gf.solve(problem, check=True)
+    (v,) = found.internal_forces
+    assert found.tau == pytest.approx([0.5 * 2 + v + 0.1, v])
+    assert np.array_equal(found.motor_forces, found.tau)
+    A, _ = problem.linear_limits()
+    assert A.shape == (4, 2)
+    impossible = gf.solve(problem.replace(f=[18.0]))
+    e = impossible.problem.linear_limits()[0].T @ impossible.certificate.z
+    assert e[1] == pytest.approx(0, abs=1e-12)
+
+
+def test_32_points_of_one_patch_share_a_weight(rng):
+    problem = plant(rng, ["PCWF"] * 4).problem
+    c = gf.solve(problem).c
+    weighted = problem.replace(cone_weight=[1, 0.5, 0.25, 0.25])
+    found = gf.solve(weighted)
+    margins = (problem.mu * c[::3]) ** 2 - (c.reshape(4, 3)[:, 1:] ** 2).sum(axis=1)
+    change = (np.array([0, 0.5, 0.75, 0.75]) * np.log(margins)).sum()
+    assert weighted.barriers.unit == 0.25
+    phi = equations.objective(c, weighted.barriers)
+    assert phi == pytest.approx(gf.solve(problem).phi + change)
+    assert found.phi < phi
+    assert found.verify().ok
+
+
+def test_33_a_set_squeeze():
     grasp, problem = pair(gf.PCWF(0.5), c_max=3.0, c_min=3.0)
     found = gf.solve(problem([0, 0, 1, 0, 0, 0]))
     assert found.status is gf.Status.SOLVED

@@ -115,8 +115,9 @@ FUNCTIONS = {
 }
 # For one problem: the rank of W decides a shape, or the arguments are plain numbers.
 SINGLE = {
-    "particular_and_nullspace", "wrench_reachable", "decrement_and_error", "least_squares",
-    "may_overflow", "decrement_after", "suboptimality", "backtrack",
+    "particular_and_nullspace", "wrench_reachable", "decrement_and_error", "decrements_and_errors",
+    "least_squares", "may_overflow", "decrement_after", "suboptimality", "undetermined",
+    "backtrack",
 }  # fmt: skip
 
 

@@ -6,7 +6,6 @@ import csv
 import json
 import math
 import random
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +15,7 @@ import pytest
 from conftest import ALLEGRO
 from grasps import nose_cone
 from jsonschema import Draft202012Validator
+from pages import blocks
 
 import graspforce as gf
 from graspforce import files
@@ -164,7 +164,7 @@ BAD_GRASPS = {
     "unknown key of a contact": (
         with_contact(modle="PCWF", model=None),
         r'\$\.contacts\[0\]: unknown key "modle"; expected one of point, normal, tangent, model, '
-        "mu, gamma$",
+        "mu, gamma, pull$",
     ),
     "unknown key in a list": (
         {"grasps": [CAN, changed(alhpa=1)]},
@@ -270,7 +270,8 @@ def test_files_schema_is_valid_and_describes_what_the_reader_reads():
     schema = files.schema()
     Draft202012Validator.check_schema(schema)
     arguments = {"f", "W", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement"}
-    arguments |= {"f_soft", "c_last", "dc_max", "A", "b", "alpha", "models"}
+    arguments |= {"f_soft", "internal", "cone_weight", "c_last", "dc_max", "A", "b", "alpha"}
+    arguments |= {"models"}
     keys = set(schema["$defs"]["grasp"]["properties"])
     assert keys - arguments == {"$schema", "comment", "name", "contacts", "origin"}
     assert arguments == set(gf.ForceProblem([[1.0]], [1], gf.FPC()).arguments())
@@ -806,24 +807,11 @@ def test_files_allegro_file_is_read_as_it_is():
     assert {"ref_status", "wbf_c_alpha1"} <= set(files.unused_keys(ALLEGRO))
 
 
-def fenced(language):
-    text = (ROOT / "docs" / "file_formats.md").read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-
-
-@pytest.mark.parametrize("snippet", fenced("json"))
+@pytest.mark.parametrize("snippet", blocks(ROOT / "docs" / "file_formats.md", "json"))
 def test_json_of_the_docs_is_read_and_solved(tmp_path, snippet):
     (tmp_path / "snippet.json").write_text(snippet, encoding="utf-8")
     for _, problem in files.read(tmp_path / "snippet.json"):
         assert gf.solve(problem).status is gf.Status.SOLVED
-
-
-@pytest.mark.parametrize("snippet", fenced("python"))
-def test_files_python_of_the_docs_runs(tmp_path, snippet, monkeypatch, capsys):
-    (tmp_path / "examples").symlink_to(EXAMPLES)
-    monkeypatch.chdir(tmp_path)
-    exec(snippet, {})
-    assert capsys.readouterr().out.strip() == re.findall(r"print\(.*# (.*)", snippet)[-1]
 
 
 def test_files_docs_name_every_key_and_field(tmp_path, results):

@@ -144,7 +144,9 @@ def test_a_real_hand_joints_by_name():
         doubted = from_urdf(path, tips)
     assert doubted.tau_hi.tolist() == [15] * 16
     hand = from_urdf(path, tips, tau_max=0.7)
-    assert hand.notes == ()
+    (note,) = hand.notes
+    assert note.startswith("friction in the joints helps to hold and is not counted")
+    assert "joint_0.0 (up to 10)" in note
     assert hand.tau_lo.tolist() == [-0.7] * 16
     numbers = {"index": range(4), "middle": range(4, 8), "ring": range(8, 12),
                "thumb": range(12, 16)}  # fmt: skip
@@ -641,3 +643,86 @@ def test_without_pinocchio_the_error_names_the_pip_line(monkeypatch, written):
         from_urdf("hand.urdf", ["tip"])
     with pytest.raises(gf.MissingExtraError, match=match):
         gf.Grasp.from_pinocchio(model, np.zeros(12), cube_contacts(), PADS)
+
+
+# ---- mimic joints beside a Pinocchio model -----------------------------------------------------
+
+GRIPPERS = {
+    "slides": ("prismatic", "1 0 0", "-1 0 0", 1.0),
+    "knuckles": ("revolute", "0 1 0", "0 1 0", -1.0),
+    "one slower": ("prismatic", "1 0 0", "-1 0 0", 0.5),
+}
+
+
+def gripper(case, mimic=True):
+    kind, left, right, multiplier = GRIPPERS[case]
+    limit = '<limit effort="4" velocity="1" lower="0" upper=".03"/>'
+    follows = f'<mimic joint="left" multiplier="{multiplier}"/>' if mimic else ""
+    joints = [
+        urdf_joint("wrist", "root", "palm", axis="0 0 1"),
+        urdf_joint("left", "palm", "a", kind=kind, origin="-.03 0 0", axis=left, more=limit),
+        urdf_joint(
+            "right", "palm", "b", kind=kind, origin=".03 0 0", axis=right, more=limit + follows
+        ),
+    ]
+    return urdf_robot(["root", "palm", "a", "b"], joints)
+
+
+def pinch():
+    return [gf.Contact((x, 0, 0.05), (-np.sign(x), 0, 0), gf.PCWF(0.5)) for x in (-0.02, 0.02)]
+
+
+@pytest.mark.parametrize("case", GRIPPERS)
+@pytest.mark.parametrize("mimic", [False, True])
+def test_the_urdf_beside_a_model_tells_its_mimic_joints(case, mimic, written):
+    text = gripper(case)
+    path = written(text)
+    hand = from_urdf(path, ["a", "b"])
+    model = pin.buildModelFromXML(text, mimic=mimic)
+    for urdf in (text, path, str(path)):
+        grasp = gf.Grasp.from_pinocchio(model, pin.neutral(model), pinch(), ["a", "b"], urdf=urdf)
+        assert grasp.joint_names == hand.joint_names == ("wrist", "left")
+        expected = hand.jacobian(pinch(), np.zeros(2))
+        np.testing.assert_allclose(grasp.J, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("case", ["slides", "knuckles"])
+def test_jaws_whose_motors_a_model_does_not_tell_are_refused(case):
+    model = pin.buildModelFromXML(gripper(case))
+    q = pin.neutral(model)
+    with pytest.raises(gf.ModelImportError, match="joints 'left' and 'right' of one link"):
+        gf.Grasp.from_pinocchio(model, q, pinch(), ["a", "b"])
+    both = {"left": 4.0, "right": 4.0}
+    grasp = gf.Grasp.from_pinocchio(model, q, pinch(), ["a", "b"], tau_max=both)
+    assert grasp.joint_names == ("wrist", "left", "right")
+    assert any("urdf= does" in note for note in grasp.notes)
+    # So do motors that are named, both or with the other one locked, and no note has doubts.
+    for motors, locked in ((("wrist", "left", "right"), ()), (("wrist", "left"), ("right",))):
+        grasp = gf.Grasp.from_pinocchio(model, q, pinch(), ["a", "b"], motors=motors, locked=locked)
+        assert grasp.joint_names == motors
+        assert not any("urdf= does" in note for note in grasp.notes)
+    with pytest.raises(gf.ModelImportError, match="joints 'left' and 'right' of one link"):
+        gf.Grasp.from_pinocchio(model, q, pinch(), ["a", "b"], motors=["wrist", "left"])
+    # A file without mimic joints says that each has a motor.
+    grasp = gf.Grasp.from_pinocchio(model, q, pinch(), ["a", "b"], urdf=gripper(case, mimic=False))
+    assert grasp.joint_names == ("wrist", "left", "right")
+
+
+def test_fingers_of_several_joints_are_no_jaws(written):
+    model = paper_model(written)
+    grasp = gf.Grasp.from_pinocchio(model, np.zeros(12), cube_contacts(), PADS)
+    assert len(grasp.joint_names) == 12
+
+
+@pytest.mark.parametrize(
+    ("urdf", "text"),
+    [
+        ("missing.urdf", "cannot read"),
+        ("<robot", "urdf: not a URDF"),
+        ("<mujoco/>", "got <mujoco>"),
+    ],
+)
+def test_what_is_no_urdf_is_refused(urdf, text):
+    model = pin.buildModelFromXML(gripper("slides"))
+    with pytest.raises(gf.ModelImportError, match=text):
+        gf.Grasp.from_pinocchio(model, pin.neutral(model), pinch(), ["a", "b"], urdf=urdf)

@@ -14,8 +14,8 @@ from graspforce._engine import native
 
 FULL = {"ceilings": True, "floors": True, "inequalities": 2, "bias": True, "rates": True}
 ARRAYS = (
-    "W", "f", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement", "f_soft",
-    "c_last", "dc_max", "A", "b",
+    "W", "f", "J", "internal", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min", "engagement",
+    "pull", "f_soft", "c_last", "dc_max", "A", "b",
 )  # fmt: skip
 
 
@@ -23,7 +23,8 @@ ARRAYS = (
 def full(rng):
     """A problem with everything in it: 6 contacts of all kinds, every sort of limit, soft rows."""
     problem = plant(rng, KINDS * 2, alpha=3.0, spare=1, **FULL).problem
-    return problem.replace(f_soft=[0, 0.1, 0.2, 0, 0.01, 0.02])
+    internal = rng.normal(size=(2, problem.J.shape[1]))
+    return problem.replace(f_soft=[0, 0.1, 0.2, 0, 0.01, 0.02], internal=internal)
 
 
 @pytest.fixture
@@ -139,7 +140,8 @@ def test_attributes_cannot_be_set_or_deleted(full):
 # ---- replace, equality, pickle, from_packed ----------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [*ARRAYS, "alpha"])
+# A contact's pull is its model's, as mu and gamma are.
+@pytest.mark.parametrize("name", [*(name for name in ARRAYS if name != "pull"), "alpha"])
 def test_replace_changes_one_argument_and_nothing_else(full, name):
     value = getattr(full, name)
     changed = full.replace(**{name: value * 0.99})
@@ -243,7 +245,7 @@ def test_the_fields_are_those_of_the_core(request, kind):
 
 def test_packed_is_all_fields_in_the_order_of_the_layout(full):
     slots = full.layout.slots
-    assert list(slots) == [*ARRAYS, "mu", "gamma", "alpha"]
+    assert list(slots) == [*ARRAYS, "mu", "gamma", "cone_weight", "alpha"]
     parts = [np.ravel(getattr(full, name)) for name in slots]
     assert np.array_equal(np.concatenate(parts), full.packed)
     for name, slot in slots.items():

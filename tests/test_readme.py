@@ -4,22 +4,17 @@ import re
 import shlex
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from pages import PAGES, ROOT, blocks, run
 
-ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
-BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", README.read_text(encoding="utf-8"), re.S | re.M)
-COMMANDS = [line for _, block in BLOCKS for line in block.splitlines()]
+COMMANDS = [line for block in blocks(README, r"\w*") for line in block.splitlines()]
 
 
 def test_the_python_snippets_run_in_one_session(capsys):
-    session: dict[str, object] = {}
-    snippets = [code for language, code in BLOCKS if language == "python"]
-    assert len(snippets) >= 2
-    for code in snippets:
-        exec(compile(code, str(README), "exec"), session)
+    assert len(blocks(README, "python")) >= 2
+    run(README)
     assert capsys.readouterr().out.startswith("SOLVED")
 
 
@@ -35,9 +30,6 @@ def test_the_commands_run(line, tmp_path):
 def test_the_make_targets_exist(line):
     target = shlex.split(line, comments=True)[1]
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
-
-
-PAGES = sorted((*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")))
 
 
 def test_every_file_that_the_docs_link_to_exists():
@@ -56,3 +48,12 @@ def test_every_source_file_that_the_docs_name_exists():
     assert len(named) > 60
     for page, name in named:
         assert any(file.endswith(f"/{name}") for file in files), f"{page.name}: {name}"
+
+
+def test_the_snippets_about_batches_run_in_one_session():
+    page = ROOT / "docs" / "batch.md"
+    session: dict[str, object] = {}
+    snippets = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
+    assert len(snippets) == 2
+    for code in snippets:
+        exec(compile(code, str(page), "exec"), session)

@@ -7,11 +7,11 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import rich.console
+from pages import DOCS, run
 from typer.testing import CliRunner
 
 import graspforce as gf
@@ -455,9 +455,7 @@ def test_simulate_takes_settings_as_numbers_where_they_can_be(monkeypatch, given
 
 
 def test_sim_the_snippet_of_the_docs_runs(tmp_path, monkeypatch, capsys, opengl):
-    text = (Path(__file__).parents[1] / "docs" / "simulation.md").read_text(encoding="utf-8")
-    (snippet,) = re.findall(r"^```python\n(.*?)^```", text, re.S | re.M)
     monkeypatch.chdir(tmp_path)
-    exec(compile(snippet, "simulation.md", "exec"), {})
+    run(DOCS / "simulation.md")
     assert capsys.readouterr().out.startswith("held ")
     assert {path.name for path in tmp_path.iterdir()} == {"regrasp.npz", "regrasp.png"}

@@ -1,6 +1,5 @@
 """graspforce.warp on Warp's CPU device, and its CUDA kernels compiled, which needs no GPU."""
 
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 from grasps import SIZES
+from pages import DOCS, run
 from warp_problems import random_batch
 
 import graspforce as gf
@@ -460,10 +460,7 @@ def test_without_warp_the_pip_line_is_named():
 
 
 def test_the_snippet_of_the_docs_does_what_it_says(capsys):
-    page = Path(__file__).parents[1] / "docs" / "gpu.md"
-    (snippet,) = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
-    session = {}
-    exec(compile(snippet.replace('"cuda"', '"cpu"'), str(page), "exec"), session)
+    session = run(DOCS / "gpu.md", device="cpu")
     assert capsys.readouterr().out == "1000 solved; c has the shape (1000, 9)\n"
     problems, forces, by_f = session["problems"], session["forces"], session["by_f"].numpy()
     c, S = gf.solve(problems[7], gf.Settings(tol=EXACT)).c, gf.Settings(tol=EXACT)

@@ -1,5 +1,6 @@
 // The compiled module graspforce._core: translation between Python and the core, nothing else.
 // It is built once for each instruction set, under the name GRASPFORCE_MODULE.
+#include "batch.hpp"
 #include "kkt.hpp"
 #include "servo.hpp"
 #include "solve.hpp"
@@ -24,11 +25,32 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
              "start"_a.none(), "tol"_a, "max_steps"_a, "budget_us"_a,
              "Solves a ForceProblem; what comes back is a `solution`.");
 
-  module.def("kkt_solve", &graspforce::kkt_solve, "layout"_a, "packed"_a, "c"_a, "rhs"_a,
-             "Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), "
-             "with the Hessian H of Phi at forces c, shape (m,), strictly inside every limit. "
-             "Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get "
-             "nu = 0.");
+  module.def(
+      "solve_batch", &graspforce::solve_batch_of, "layout"_a, "count"_a, "fields"_a,
+      "start"_a.none(), "c"_a, "nu"_a, "status"_a, "newton_steps"_a, "starts"_a, "nearest"_a,
+      "decrement"_a, "violation"_a, "tol"_a, "max_steps"_a, "budget_us"_a, "threads"_a,
+      nb::sig("def solve_batch(layout: object, count: int, fields: Sequence[object], start: "
+              "object | None, c: object, nu: object, status: object, newton_steps: "
+              "object, starts: object, nearest: object, decrement: object, violation: object, tol: "
+              "float, max_steps: int, budget_us: float, threads: int) -> tuple[object, "
+              "object]"),
+      "Solves `count` problems of a layout, whose fields are arrays of one row each or of one "
+      "that all share, into the arrays given; the infeasible rows and their certificates.");
+
+  module.def("kkt_solve_batch", &graspforce::kkt_solve_batch, "layout"_a, "count"_a, "fields"_a,
+             "c"_a, "wanted"_a, "x"_a, "threads"_a,
+             nb::sig("def kkt_solve_batch(layout: object, count: int, fields: Sequence[object], c: "
+                     "object, wanted: object, x: object, threads: int) -> None"),
+             "kkt_solve in place for the columns of x, (B, m + k, n), of the rows that are wanted; "
+             "zeros for the others and for those with forces c that are not strictly inside.");
+
+  module.def(
+      "kkt_solve", &graspforce::kkt_solve, "layout"_a, "packed"_a, "c"_a, "rhs"_a,
+      "Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), "
+      "with the Hessian H of Phi at forces c, shape (m,), and the internal ones behind them, "
+      "strictly inside every limit. "
+      "Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get "
+      "nu = 0.");
 
   module.def(
       "fields",
@@ -68,6 +90,7 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("start", [](const Outcome& o) { return static_cast<int>(o.result.start); })
       .def_prop_ro("elapsed_us", [](const Outcome& o) { return o.result.elapsed_us; })
       .def_prop_ro("c", field(&Outcome::c, &Outcome::m))
+      .def_prop_ro("internal_forces", field(&Outcome::internal_forces, &Outcome::internals))
       .def_prop_ro("nu", field(&Outcome::nu, &Outcome::k))
       .def_prop_ro("y", proof(&Outcome::y, &Outcome::k))
       .def_prop_ro("z", proof(&Outcome::z, &Outcome::limits))
@@ -97,6 +120,11 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
                    [](nb::handle_t<Servo> self) {
                      const graspforce::Engine& engine = nb::cast<Servo&>(self).engine();
                      return graspforce::view(self, engine.forces(), engine.layout().components());
+                   })
+      .def_prop_ro("internal_forces",
+                   [](nb::handle_t<Servo> self) {
+                     const auto forces = nb::cast<Servo&>(self).internal_forces();
+                     return graspforce::view(self, forces.data(), forces.size());
                    })
       .def_prop_ro("nu", [](nb::handle_t<Servo> self) {
         const graspforce::Engine& engine = nb::cast<Servo&>(self).engine();

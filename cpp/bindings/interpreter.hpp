@@ -23,8 +23,11 @@ using NumpyVector = nb::ndarray<nb::numpy, const double, nb::ndim<1>>;
 
 // The layout that a graspforce._engine.layout.Layout, a tuple, describes.
 inline Layout make_layout(nb::handle tuple) {
-  const auto [wrench_rows, dims, joints, inequalities, ceilings, floors, rate_limits, soft_wrench] =
-      nb::cast<std::tuple<int, std::vector<int>, int, int, bool, bool, bool, bool>>(tuple);
+  const auto [wrench_rows, dims, joints, inequalities, ceilings, floors, rate_limits, soft_wrench,
+              pulls, internals, cone_weights] =
+      nb::cast<
+          std::tuple<int, std::vector<int>, int, int, bool, bool, bool, bool, bool, int, bool>>(
+          tuple);
   Layout layout;
   layout.wrench_rows = wrench_rows;
   for (int dim : dims) layout.models.push_back(static_cast<Model>(dim));
@@ -34,6 +37,9 @@ inline Layout make_layout(nb::handle tuple) {
   layout.floors = floors;
   layout.rate_limits = rate_limits;
   layout.soft_wrench = soft_wrench;
+  layout.pulls = pulls;
+  layout.internals = internals;
+  layout.cone_weights = cone_weights;
   return layout;
 }
 

@@ -17,7 +17,7 @@ inline NumpyMatrix kkt_solve(nb::handle tuple, nb::handle packed, nb::handle c, 
   const Layout layout = make_layout(tuple);
   const std::size_t rows = layout.components() + layout.wrench_rows, columns = rhs.shape(1);
   const double* numbers = doubles(packed, packed_size(layout));
-  const double* forces = doubles(c, layout.components());
+  const double* forces = doubles(c, force_count(layout));
   if (rhs.shape(0) != rows) throw nb::value_error("rhs: expected m + k rows");
   auto solutions = std::make_unique<double[]>(rows * columns);
   std::copy_n(rhs.data(), rows * columns, solutions.get());

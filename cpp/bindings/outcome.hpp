@@ -14,20 +14,21 @@ namespace graspforce {
 // tick those of its problem.
 struct Outcome {
   Result result;
-  std::size_t m, k, limits;
+  std::size_t m, internals, k, limits;
   std::unique_ptr<double[]> data;
   Snapshot problem;
 
   Outcome(const Engine& engine, const Result& r, Snapshot numbers)
       : result(r),
         m(engine.layout().components()),
+        internals(engine.layout().internals),
         k(engine.layout().wrench_rows),
         limits(r.status == Status::Infeasible ? engine.limits() : 0),
         problem(std::move(numbers)) {
     const bool proof = limits > 0;
-    data.reset(new double[m + k + (proof ? k + limits : 0)]);
+    data.reset(new double[m + internals + k + (proof ? k + limits : 0)]);
     double* next = data.get();
-    next = std::copy_n(engine.forces(), m, next);
+    next = std::copy_n(engine.forces(), m + internals, next);
     next = std::copy_n(engine.multipliers(), k, next);
     if (proof) {
       next = std::copy_n(engine.certificate_y(), k, next);
@@ -36,7 +37,8 @@ struct Outcome {
   }
 
   const double* c() const { return data.get(); }
-  const double* nu() const { return c() + m; }
+  const double* internal_forces() const { return c() + m; }
+  const double* nu() const { return internal_forces() + internals; }
   const double* y() const { return nu() + k; }
   const double* z() const { return y() + k; }
 };

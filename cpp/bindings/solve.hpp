@@ -19,7 +19,9 @@ inline bool describes(nb::handle tuple, const Layout& layout) {
   if (number(items, 0) != layout.wrench_rows || PyTuple_GET_SIZE(dims) != layout.contacts() ||
       number(items, 2) != layout.joints || number(items, 3) != layout.inequalities ||
       number(items, 4) != layout.ceilings || number(items, 5) != layout.floors ||
-      number(items, 6) != layout.rate_limits || number(items, 7) != layout.soft_wrench)
+      number(items, 6) != layout.rate_limits || number(items, 7) != layout.soft_wrench ||
+      number(items, 8) != layout.pulls || number(items, 9) != layout.internals ||
+      number(items, 10) != layout.cone_weights)
     return false;
   for (int i = 0; i < layout.contacts(); ++i)
     if (number(dims, i) != static_cast<int>(layout.models[i])) return false;

@@ -24,16 +24,19 @@ static Rows dense_hessian(const Layout& layout, const Problem& p, const std::vec
     const int first = layout.first(i), dim = static_cast<int>(layout.models[i]);
     const Real mu = p.mu[i], torsion = mu / p.gamma[i];
     const Real D[4] = {mu * mu, -1, -1, -torsion * torsion};
+    const Real weight = layout.cone_weights ? p.cone_weight[i] : 1;
     Real radius = 0, slope[4];
     for (int a = 0; a < dim; ++a) present[first + a] = p.in_grasp(i);
     if (!p.in_grasp(i)) continue;
     for (int a = 1; a < dim; ++a) radius -= D[a] * c[first + a] * c[first + a];
     radius = std::sqrt(radius);
-    const Real q = (mu * c[first] - radius) * (mu * c[first] + radius);
-    for (int a = 0; a < dim; ++a) slope[a] = 2 * D[a] * c[first + a];
+    const Real loaded = c[first] + (layout.pulls ? Real(p.engagement[i]) * p.pull[i] : 0);
+    const Real q = (mu * loaded - radius) * (mu * loaded + radius);
+    for (int a = 0; a < dim; ++a) slope[a] = 2 * D[a] * (a == 0 ? loaded : c[first + a]);
     for (int a = 0; a < dim; ++a)
       for (int b = 0; b < dim; ++b)
-        H[first + a][first + b] += slope[a] * slope[b] / (q * q) - (a == b ? 2 * D[a] / q : 0);
+        H[first + a][first + b] +=
+            weight * (slope[a] * slope[b] / (q * q) - (a == b ? 2 * D[a] / q : 0));
   }
   auto add = [&](auto entry, Real slack) {
     for (int a = 0; a < m; ++a)
@@ -161,6 +164,7 @@ static void solutions_are_those_of_elimination() {
   std::vector<double> apart;
   for (int trial = 0; trial < 1500; ++trial) {
     Layout layout = random_layout(random, 6);
+    layout.internals = 0;  // of which the matrix below knows nothing
     if (random.chance(0.1)) layout.wrench_rows = 3 + random.below(5);
     RandomGrasp grasp(random, layout);
     const bool couple = random.chance(0.3);
@@ -256,7 +260,7 @@ static void the_optimum_moves_as_the_system_says() {
     Engine engine(layout);
     if (engine.solve(grasp.data.packed(), exact).status != Status::Solved) continue;
     Factor factor(layout);
-    const std::vector<double> c(engine.forces(), engine.forces() + m);
+    const std::vector<double> c(engine.forces(), engine.forces() + force_count(layout));
     const std::vector<double> nu(engine.multipliers(), engine.multipliers() + k);
     EXPECT(factor.at(grasp.data.packed(), c.data()));
     std::vector<double> x(m + k), change(m + k), f(grasp.data.f.begin(), grasp.data.f.end());

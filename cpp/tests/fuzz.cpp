@@ -90,6 +90,10 @@ static Layout some_layout(Choices& choices) {
   layout.floors = flags & 16;
   layout.rate_limits = flags & 64;
   layout.soft_wrench = flags & 128;
+  const int more = choices.byte();
+  layout.pulls = more & 1;
+  layout.internals = flags & 2 && more & 6 ? 1 + choices.below(2) : 0;
+  layout.cone_weights = more & 8;
   if (flags & 32) layout.wrench_rows = 1 + choices.below(9);  // more than six: passive joints, say
   return layout;
 }

@@ -16,7 +16,10 @@ using Real = long double;
 class Judge {
  public:
   Judge(const Layout& layout, const double* packed)
-      : layout_(layout), p_(layout, packed), m_(layout.components()) {
+      : layout_(layout),
+        p_(layout, packed),
+        m_(layout.components()),
+        forces_(m_ + layout.internals) {
     for (int i = 0; i < layout.contacts(); ++i)
       contact_of_.insert(contact_of_.end(), static_cast<int>(layout.models[i]), i);
   }
@@ -25,7 +28,7 @@ class Judge {
   const char* find_fault(const Engine& engine, const Result& result) const {
     const int status = static_cast<int>(result.status);
     if (status < 0 || status > 7) return "no such status";
-    for (int i = 0; i < m_; ++i)
+    for (int i = 0; i < forces_; ++i)
       if (!std::isfinite(engine.forces()[i])) return "a force that is no number";
     for (int r = 0; r < layout_.wrench_rows; ++r)
       if (!std::isfinite(engine.multipliers()[r])) return "a multiplier that is no number";
@@ -63,9 +66,8 @@ class Judge {
       if (is_soft(r)) continue;
       Real sum = -Real(p_.f[r]), size = std::abs(Real(p_.f[r]));
       for (int i = 0; i < m_; ++i) {
-        const Real wrench = Real(p_.W[r * m_ + i]) * c[i];
-        sum += wrench;
-        size += std::abs(wrench);
+        sum += Real(p_.W[r * m_ + i]) * c[i];
+        size += std::abs(Real(p_.W[r * m_ + i])) * (std::abs(Real(c[i])) + shift(i));
       }
       worst = std::max(worst, std::abs(sum));
       scale = std::max(scale, size);
@@ -83,11 +85,14 @@ class Judge {
     for (int i = 0; i < layout_.contacts(); ++i) {
       if (!p_.in_grasp(i)) continue;
       const double* y = c + layout_.first(i);
-      const Real height = Real(p_.mu[i]) * y[0];
-      if (!(height > tangent(i, y) * (1 - 8 * kUnit) - 8 * kLeast)) return true;
+      const Real preload = pull(i), height = Real(p_.mu[i]) * (y[0] + preload);
+      const Real lost = Real(p_.mu[i]) * (std::abs(Real(y[0])) + preload) * (preload > 0);
+      if (!(height > tangent(i, y) * (1 - 8 * kUnit) - 8 * (kUnit * lost + kLeast))) return true;
     }
     return false;
   }
+
+  Real pull(int i) const { return layout_.pulls ? Real(p_.engagement[i]) * p_.pull[i] : 0; }
 
   Real tangent(int i, const double* y) const {
     Real sum = 0;
@@ -102,18 +107,18 @@ class Judge {
     bool passed = false;
     each_limit([&](int, auto entry, Real bound, Real size) {
       Real room = bound;
-      for (int i = 0; i < m_; ++i) {
+      for (int i = 0; i < forces_; ++i) {
         room -= entry(i) * c[i];
-        size += std::abs(entry(i) * c[i]);
+        size += std::abs(entry(i)) * (std::abs(Real(c[i])) + shift(i));
       }
-      passed |= !(room > -(m_ + 4) * (kUnit * size + kLeast));
+      passed |= !(room > -(forces_ + 4) * (kUnit * size + kLeast));
     });
     return passed;
   }
 
   // e = Aᵀz − Wᵀy in the dual cones, z ≥ 0, y·f > z·b: see graspforce.Certificate.
   bool proves_infeasible(const double* y, const double* z) const {
-    std::vector<Real> e(m_);
+    std::vector<Real> e(forces_);
     Real gap = 0;
     bool sound = true;
     for (int r = 0; r < layout_.wrench_rows; ++r) {
@@ -124,11 +129,13 @@ class Judge {
     each_limit([&](int row, auto entry, Real bound, Real) {
       sound &= z[row] >= 0;
       gap -= z[row] * bound;
-      for (int i = 0; i < m_; ++i) e[i] += entry(i) * z[row];
+      for (int i = 0; i < forces_; ++i) e[i] += entry(i) * z[row];
     });
+    for (int v = 0; v < layout_.internals; ++v) gap -= std::abs(e[m_ + v]) * most_internal(v);
     for (int i = 0; i < layout_.contacts(); ++i) {
       if (!p_.in_grasp(i)) continue;
       const Real* part = e.data() + layout_.first(i);
+      gap -= pull(i) * part[0];  // the most that −e·c can be, at the apex of the shifted cone
       Real sum = 0;
       for (int d = 1; d < static_cast<int>(layout_.models[i]); ++d) {
         const Real t = (d == 3 ? Real(p_.gamma[i]) / p_.mu[i] : 1) * part[d];
@@ -139,6 +146,29 @@ class Judge {
       sound &= part[0] + lost * (1 + p_.mu[i]) >= p_.mu[i] * std::sqrt(sum);
     }
     return sound && gap > 0;
+  }
+
+  // By how much the core's c is above a force: its rounding is that of the sum.
+  Real shift(int force) const {
+    if (force >= m_ || (force > 0 && contact_of_[force] == contact_of_[force - 1])) return 0;
+    return pull(contact_of_[force]);
+  }
+
+  // The most that an internal force can be, by a motor that feels it alone; zero without
+  // multipliers to count it with would not matter, so nothing is infinite.
+  Real most_internal(int v) const {
+    Real most = std::numeric_limits<double>::max();
+    for (int j = 0; j < layout_.joints; ++j) {
+      const Real arm = p_.internal[v * layout_.joints + j];
+      int felt = 0;
+      for (int i = 0; i < m_; ++i) felt += p_.J[i * layout_.joints + j] != 0;
+      for (int w = 0; w < layout_.internals; ++w) felt += p_.internal[w * layout_.joints + j] != 0;
+      if (arm == 0 || felt != 1) continue;
+      const Real bias = p_.tau_bias[j];
+      most = std::min(most, std::max(std::abs(p_.tau_lo[j] - bias), std::abs(p_.tau_hi[j] - bias)) /
+                                std::abs(arm));
+    }
+    return most;
   }
 
   // Whether f is away from the span of W's columns: what is left of it once everything along an
@@ -200,12 +230,13 @@ class Judge {
     int row = 0;
     auto offer = [&](auto entry, Real bound, Real size) {
       bool touches = false, counts = false;
-      for (int i = 0; i < m_; ++i) {
+      auto takes_part = [&](int i) { return i >= m_ || p_.in_grasp(contact_of_[i]); };
+      for (int i = 0; i < forces_; ++i) {
         touches |= entry(i) != 0;
-        counts |= entry(i) != 0 && p_.in_grasp(contact_of_[i]);
+        counts |= entry(i) != 0 && takes_part(i);
       }
       if (counts || !touches) {
-        auto present = [&](int i) { return p_.in_grasp(contact_of_[i]) ? entry(i) : 0; };
+        auto present = [&](int i) { return takes_part(i) ? entry(i) : 0; };
         work(row, present, bound, size);
       }
       ++row;
@@ -213,18 +244,24 @@ class Judge {
     for (int side : {1, -1})
       for (int j = 0; j < joints; ++j) {
         const Real limit = side > 0 ? p_.tau_hi[j] : p_.tau_lo[j], bias = p_.tau_bias[j];
-        offer([&, side, j](int i) { return side * Real(p_.J[i * joints + j]); },
-              side * (limit - bias), std::abs(limit) + std::abs(bias));
+        offer(
+            [&, side, j](int i) {
+              const double* arms = i < m_ ? p_.J + i * joints : p_.internal + (i - m_) * joints;
+              return side * Real(arms[j]);
+            },
+            side * (limit - bias), std::abs(limit) + std::abs(bias));
       }
     for (int side : {1, -1}) {
       if (!(side > 0 ? layout_.ceilings : layout_.floors)) continue;
       for (int i = 0; i < n; ++i) {
         const int normal = layout_.first(i);
-        // A floor at the ceiling leaves 1e-9 of it to either side.
-        Real force = (side > 0 ? p_.c_max : p_.c_min)[i];
-        if (side > 0 && layout_.floors) force = std::max(force, (1 + 1e-9L) * p_.c_min[i]);
-        if (side < 0 && layout_.ceilings) force = std::min(force, (1 - 1e-9L) * p_.c_max[i]);
-        const Real bound = Real(p_.engagement[i]) * force;
+        // A floor at the ceiling leaves 1e-9 of it to either side, a pull counted in.
+        const Real more = layout_.pulls ? p_.pull[i] : 0;
+        Real force = (side > 0 ? p_.c_max : p_.c_min)[i] + more;
+        if (side > 0 && layout_.floors) force = std::max(force, (1 + 1e-9L) * (p_.c_min[i] + more));
+        if (side < 0 && layout_.ceilings)
+          force = std::min(force, (1 - 1e-9L) * (p_.c_max[i] + more));
+        const Real bound = Real(p_.engagement[i]) * (force - more);
         offer([normal, side](int c) { return c == normal ? Real(side) : 0; }, side * bound, bound);
       }
     }
@@ -234,12 +271,13 @@ class Judge {
               Real(p_.dc_max[i]) + side * Real(p_.c_last[i]),
               std::abs(Real(p_.dc_max[i])) + std::abs(Real(p_.c_last[i])));
     for (int r = 0; r < layout_.inequalities; ++r)
-      offer([&, r](int i) { return Real(p_.A[r * m_ + i]); }, p_.b[r], std::abs(Real(p_.b[r])));
+      offer([&, r](int i) { return i < m_ ? Real(p_.A[r * m_ + i]) : 0; }, p_.b[r],
+            std::abs(Real(p_.b[r])));
   }
 
   const Layout& layout_;
   Problem p_;
-  int m_;
+  int m_, forces_;  // of contacts, and the internal ones behind them
   std::vector<int> contact_of_;
 };
 

@@ -214,16 +214,22 @@ int main() {
   steps_of_least_squares_are_stationary();
   Random random(5);
   int compared = 0, kernels[7] = {}, close = 0;
-  for (int trial = 0; trial < 3000; ++trial) {
-    const Layout layout = random_layout(random, 12);
+  for (int trial = 0; trial < 5000; ++trial) {
+    Layout layout = random_layout(random, 12);
+    layout.pulls = false;  // which kernels do not see
+    layout.internals = 0;  // which general blocks alone have
     RandomGrasp grasp(random, layout);
     if (random.chance(0.2)) grasp.couple(random);
     if (layout.ceilings && random.chance(0.3))
       grasp.data.engagement[random.below(layout.contacts())] = random.chance(0.5) ? 0 : 0.3;
     grasp.wish(random, 0.2);
     // The forces of this wrench are inside every limit; at them, another wrench is to be made.
+    // As near to the boundary as weights of 1 let them be: the steps from there are weighed.
+    const std::vector<double> weights(grasp.data.cone_weight.begin(), grasp.data.cone_weight.end());
+    std::fill(grasp.data.cone_weight.begin(), grasp.data.cone_weight.end(), 1.0);
     Engine engine(layout);
     if (engine.solve(grasp.data.packed(), Settings{}).status != Status::Solved) continue;
+    std::copy(weights.begin(), weights.end(), grasp.data.cone_weight.begin());
     const std::vector<double> c(engine.forces(), engine.forces() + layout.components());
     const bool near = random.chance(0.5);  // to the minimum
     for (double& each : grasp.data.f) each += (near ? 1e-5 : 0.3) * random.normal();
@@ -240,7 +246,7 @@ int main() {
     blocks.load(problem);
     Barrier barrier(blocks);
     barrier.allot();
-    barrier.set_weights(*problem.alpha);
+    barrier.set_weights(problem);
     const Found general = look(barrier, layout, c);
     LeastSquares least_squares(blocks);
     least_squares.allot();

@@ -37,6 +37,9 @@ inline Layout random_layout(Random& random, int most_contacts = 8) {
   layout.floors = random.chance(0.2);
   layout.rate_limits = random.chance(0.2);
   layout.soft_wrench = random.chance(0.2);
+  layout.pulls = random.chance(0.2);
+  layout.internals = layout.joints > 0 && random.chance(0.2) ? 1 + random.below(2) : 0;
+  layout.cone_weights = random.chance(0.2);
   return layout;
 }
 
@@ -63,6 +66,8 @@ class RandomGrasp {
     for (int r = 0; r < layout.wrench_rows && layout.soft_wrench; ++r)
       data.f_soft[r] =
           random.chance(0.3) ? 0 : (r < 3 ? 1 : 0.05) * std::pow(10, random.uniform(-3, 1));
+    for (double& most : data.pull) most = random.chance(0.3) ? 0 : random.uniform(0, 8);
+    for (double& weight : data.cone_weight) weight = 1.0 / (1 + random.below(8));
     for (double& most : data.dc_max) most = random.uniform(0.5, 10);
     std::fill(data.tau_lo.begin(), data.tau_lo.end(), -0.8);
     std::fill(data.tau_hi.begin(), data.tau_hi.end(), 0.8);
@@ -103,6 +108,13 @@ class RandomGrasp {
       for (int d = 0; d < dim(i); ++d)
         for (int j = 0; j < 3; ++j)
           data.J(first_[i] + d, 3 * i + j) = (d == j ? 0.07 : 0.02 * random.normal());
+    // The last of a finger's motors pulls against the others.
+    for (double& entry : data.internal.entries()) entry = 0;
+    for (int v = 0; v < layout.internals && v < layout.contacts(); ++v) {
+      for (int d = 0; d < dim(v); ++d) data.J(first_[v] + d, 3 * v + 2) = 0;
+      data.internal(v, 3 * v + 2) = 1;
+      for (int j = 0; j < 2; ++j) data.internal(v, 3 * v + j) = random.uniform(-1, 1);
+    }
   }
 
   // A joint comes to feel a contact of another finger.

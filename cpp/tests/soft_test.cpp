@@ -1,5 +1,5 @@
 // A soft wrench: minima of Phi + ½‖(W c − f)/f_soft‖² by what defines them, in long double and with
-// derivatives taken by differences.
+// derivatives taken by differences; with contacts that pull and internal forces of motors as well.
 #include <cmath>
 #include <functional>
 #include <vector>
@@ -12,7 +12,7 @@
 
 using namespace graspforce;
 
-// Phi(c), from the formulas of the paper.
+// Phi(c), from the formulas of the paper; the internal forces stand behind c.
 static Real phi(const Layout& layout, const Problem& p, const std::vector<Real>& c) {
   const int m = layout.components(), joints = layout.joints;
   Real soc = 0, lin = 0;
@@ -22,6 +22,10 @@ static Real phi(const Layout& layout, const Problem& p, const std::vector<Real>&
     bool counts = false;
     for (int i = 0; i < m; ++i)
       tau += Real(p.J[i * joints + j]) * c[i], counts |= p.J[i * joints + j] != 0;
+    for (int v = 0; v < layout.internals; ++v) {
+      const Real arm = p.internal[v * joints + j];
+      tau += arm * c[m + v], counts |= arm != 0;
+    }
     if (counts) below(p.tau_hi[j] - tau), below(tau - p.tau_lo[j]);
   }
   for (int r = 0; r < layout.inequalities; ++r) {
@@ -37,7 +41,9 @@ static Real phi(const Layout& layout, const Problem& p, const std::vector<Real>&
       tangent += t * t;
     }
     const Real mu = p.mu[i], normal = c[first];
-    soc -= std::log(mu * mu * normal * normal - tangent);
+    const Real weight = layout.cone_weights ? p.cone_weight[i] : 1;
+    const Real loaded = normal + (layout.pulls ? Real(p.engagement[i]) * p.pull[i] : 0);
+    soc -= weight * std::log(mu * mu * loaded * loaded - tangent);
     if (layout.ceilings) below(Real(p.engagement[i]) * p.c_max[i] - normal);
     if (layout.floors) below(normal - Real(p.engagement[i]) * p.c_min[i]);
     for (int d = 0; layout.rate_limits && d < dim; ++d) {
@@ -60,26 +66,26 @@ static Real missing(const Layout& layout, const Problem& p, const std::vector<Re
 // is at most λ times the root of the Hessian's diagonal, and what the last digits of c are worth.
 static bool is_stationary(const Layout& layout, const Problem& p, const std::vector<Real>& c,
                           const double* nu, Real lambda) {
-  const Real weight = 1 / std::min(1.0, *p.alpha), here = phi(layout, p, c);
+  const Real weight = 1 / barrier_unit(layout, p), here = phi(layout, p, c);
   auto at = [&](int i, Real change) {
     std::vector<Real> other = c;
     other[i] += change;
     return phi(layout, p, other);
   };
-  const int m = layout.components();
-  std::vector<Real> step(m), root(m);  // of the differences; of the Hessian's diagonal
-  Real rounding = 0;                   // what the last digits of c are worth, in that measure
-  for (int i = 0; i < m; ++i) {
+  const int m = layout.components(), forces = m + layout.internals;
+  std::vector<Real> step(forces), root(forces);  // of the differences; of the Hessian's diagonal
+  Real rounding = 0;  // what the last digits of c are worth, in that measure
+  for (int i = 0; i < forces; ++i) {
     step[i] = 1e-9L * (std::abs(c[i]) + 0.1L);
     const Real far = 1e3L * step[i];
     root[i] = std::sqrt(std::abs(at(i, far) + at(i, -far) - 2 * here)) / far;
     rounding += 1e-15L * root[i] * std::abs(c[i]);
   }
-  for (int i = 0; i < m; ++i) {
+  for (int i = 0; i < forces; ++i) {
     Real left = (at(i, step[i]) - at(i, -step[i])) / (2 * step[i]);
     const Real of_differences =
         1e-5L * (1 + std::abs(left)) + 4 * std::pow(root[i], 3) * step[i] * step[i];
-    for (int r = 0; r < layout.wrench_rows; ++r) left -= Real(p.W[r * m + i]) * nu[r];
+    for (int r = 0; r < layout.wrench_rows && i < m; ++r) left -= Real(p.W[r * m + i]) * nu[r];
     if (!(std::abs(left) <=
           root[i] * (1.1L * lambda / std::sqrt(weight) + rounding) + of_differences))
       return false;
@@ -107,14 +113,14 @@ static void answers_are_minima() {
     if (result.status != Status::Solved) continue;
     ++solved;
     cold += result.newton_steps > 12;
-    const std::vector<Real> c(engine.forces(), engine.forces() + layout.components());
+    const std::vector<Real> c(engine.forces(), engine.forces() + force_count(layout));
     EXPECT(Judge(layout, grasp.data.packed()).find_fault(engine, result) == nullptr);
     EXPECT(is_stationary(layout, p, c, engine.multipliers(), result.decrement));
     for (int r = 0; r < layout.wrench_rows; ++r) {
       const Real lacks = missing(layout, p, c, r), F = p.f_soft[r];
       const Real size = std::abs(Real(p.f[r])) + std::abs(lacks) + 1;
       EXPECT(std::abs(lacks - F * F * engine.multipliers()[r]) <=
-             1.1L * result.decrement * F * std::sqrt(std::min(1.0, *p.alpha)) + 1e-9L * size);
+             1.1L * result.decrement * F * std::sqrt(barrier_unit(layout, p)) + 1e-9L * size);
       far += std::abs(lacks) > 0.1L * std::abs(Real(p.f[r]));
     }
   }

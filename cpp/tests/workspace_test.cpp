@@ -33,13 +33,14 @@ static void layouts_are_told_apart() {
   Layout layout = fingers(2);
   const Layout plain = layout;
   EXPECT(&workspace.engine(plain) == &workspace.engine(layout));
-  for (bool Layout::* flag :
-       {&Layout::ceilings, &Layout::floors, &Layout::rate_limits, &Layout::soft_wrench}) {
+  for (bool Layout::* flag : {&Layout::ceilings, &Layout::floors, &Layout::rate_limits,
+                              &Layout::soft_wrench, &Layout::pulls, &Layout::cone_weights}) {
     layout = plain;
     layout.*flag = true;
     EXPECT(&workspace.engine(layout) != &workspace.engine(plain));
   }
-  for (int Layout::* size : {&Layout::wrench_rows, &Layout::joints, &Layout::inequalities}) {
+  for (int Layout::* size :
+       {&Layout::wrench_rows, &Layout::joints, &Layout::inequalities, &Layout::internals}) {
     layout = plain;
     layout.*size += 1;
     EXPECT(workspace.engine(layout).layout() == layout && !(layout == plain));

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 from graspforce._engine.outcome import Start, Status
 from graspforce._engine.settings import Settings
 from graspforce.certificate import Certificate, check_certificate
-from graspforce.contact import FPC, PCWF, SFC, Contact
+from graspforce.contact import FPC, PCWF, SFC, Contact, suction_cup
 from graspforce.errors import (
     GraspForceError,
     GraspForceWarning,
@@ -49,16 +49,23 @@ from graspforce.solve import solve
 if TYPE_CHECKING:
     from graspforce import (
         baselines,
+        control,
         equations,
         files,
+        guaranteed,
         hands,
         reference,
         regrasp,
         scenarios,
         sim,
+        soles,
         trajectory,
     )
     from graspforce import warp as warp
+    from graspforce.answers import firmness, payload, robust
+    from graspforce.answers.diagnosis import diagnose
+    from graspforce.batch import Batch, BatchVerification, iterate_many, solve_batch, solve_many
+    from graspforce.derivatives import Sensitivity, sensitivity
     from graspforce.study import figures
 
 __version__: str
@@ -67,6 +74,8 @@ __all__ = [
     "FPC",
     "PCWF",
     "SFC",
+    "Batch",
+    "BatchVerification",
     "Certificate",
     "Contact",
     "ForceProblem",
@@ -78,6 +87,7 @@ __all__ = [
     "MissingExtraError",
     "ModelImportError",
     "NotConvergedError",
+    "Sensitivity",
     "Servo",
     "Settings",
     "Solution",
@@ -87,16 +97,28 @@ __all__ = [
     "Verification",
     "baselines",
     "check_certificate",
+    "control",
+    "diagnose",
     "equations",
     "figures",
     "files",
+    "firmness",
     "grasp_map",
+    "guaranteed",
     "hands",
+    "iterate_many",
+    "payload",
     "reference",
     "regrasp",
+    "robust",
     "scenarios",
+    "sensitivity",
     "sim",
+    "soles",
     "solve",
+    "solve_batch",
+    "solve_many",
+    "suction_cup",
     "trajectory",
 ]
 
@@ -104,13 +126,38 @@ __all__ = [
 # __all__: it needs its extra, and a star import must not.
 _LAZY = {
     name: f"graspforce.{name}"
-    for name in ("baselines", "files", "hands", "regrasp", "scenarios", "sim", "trajectory", "warp")
+    for name in (
+        "baselines",
+        "control",
+        "files",
+        "guaranteed",
+        "hands",
+        "regrasp",
+        "scenarios",
+        "sim",
+        "soles",
+        "trajectory",
+        "warp",
+    )
 } | {"figures": "graspforce.study.figures"}
+_LAZY |= {name: f"graspforce.answers.{name}" for name in ("firmness", "payload", "robust")}
+_LAZY_NAMES = {
+    "Batch": "graspforce.batch",
+    "BatchVerification": "graspforce.batch",
+    "Sensitivity": "graspforce.derivatives",
+    "diagnose": "graspforce.answers.diagnosis",
+    "iterate_many": "graspforce.batch",
+    "sensitivity": "graspforce.derivatives",
+    "solve_batch": "graspforce.batch",
+    "solve_many": "graspforce.batch",
+}
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return importlib.import_module(_LAZY[name])
+    if name in _LAZY_NAMES:
+        return getattr(importlib.import_module(_LAZY_NAMES[name]), name)
     if name == "__version__":
         from importlib.metadata import version  # as heavy as everything else together
 

@@ -17,9 +17,19 @@ def instruction_sets() -> list[str]:
 def solve(solution: object, problem: object, layout: object, packed: object, start: object | None, tol: float, max_steps: int, budget_us: float) -> object:
     """Solves a ForceProblem; what comes back is a `solution`."""
 
+def solve_batch(layout: object, count: int, fields: Sequence[object], start: object | None, c: object, nu: object, status: object, newton_steps: object, starts: object, nearest: object, decrement: object, violation: object, tol: float, max_steps: int, budget_us: float, threads: int) -> tuple[object, object]:
+    """
+    Solves `count` problems of a layout, whose fields are arrays of one row each or of one that all share, into the arrays given; the infeasible rows and their certificates.
+    """
+
+def kkt_solve_batch(layout: object, count: int, fields: Sequence[object], c: object, wanted: object, x: object, threads: int) -> None:
+    """
+    kkt_solve in place for the columns of x, (B, m + k, n), of the rows that are wanted; zeros for the others and for those with forces c that are not strictly inside.
+    """
+
 def kkt_solve(layout: object, packed: object, c: object, rhs: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), with the Hessian H of Phi at forces c, shape (m,), strictly inside every limit. Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get nu = 0.
+    Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), with the Hessian H of Phi at forces c, shape (m,), and the internal ones behind them, strictly inside every limit. Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get nu = 0.
     """
 
 def fields(layout: object) -> list[tuple[str, int, int, int]]:
@@ -63,6 +73,9 @@ class Outcome:
     def c(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
 
     @property
+    def internal_forces(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
+
+    @property
     def nu(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
 
     @property
@@ -95,6 +108,9 @@ class Servo:
 
     @property
     def c(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
+
+    @property
+    def internal_forces(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...
 
     @property
     def nu(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)]: ...

@@ -9,12 +9,16 @@ PCWF       normal, x, y                mu n > ‖(x, y)‖                    (E
 SFC        normal, x, y, torsion       mu n > ‖(x, y, (mu/gamma) torsion)‖
 =========  ==========================  =============================================
 
+Any of them may pull: a vacuum, adhesion or a magnet holds with ``pull`` [N] what it touches, and
+then n + pull stands in the place of n. The cone is shifted along the normal: the contact bears
+n > −pull, and its friction is that of the preload n + pull.
+
 The contact frame's normal points INTO the object; x and y are tangents, right-handed with it
 (x × y = normal).
 
-A model is its number of components ``dim`` and its coefficients ``mu`` and ``gamma``; no other code
-branches on its class. c_i are the first ``dim`` of (normal force, x, y, torsion), and scaled by the
-first ``dim`` of (mu, 1, 1, mu/gamma) they make every cone the same Lorentz cone.
+A model is its number of components ``dim``, its coefficients ``mu`` and ``gamma`` and ``pull``; no
+other code branches on its class. c_i are the first ``dim`` of (normal force, x, y, torsion), and
+scaled by the first ``dim`` of (mu, 1, 1, mu/gamma) they make every cone the same Lorentz cone.
 """
 
 from __future__ import annotations
@@ -30,6 +34,8 @@ from numpy.typing import ArrayLike
 from graspforce._util.arrays import (
     Array,
     as_array,
+    as_integer,
+    as_not_negative,
     as_positive,
     as_tuple,
     hash_bytes,
@@ -47,9 +53,12 @@ LEAST_ACROSS = 1e-9
 LARGEST_SPAN = 5.0
 LARGEST_GAMMA = 1.0
 
+# Between these angles of their normals [rad], contacts cease to be of one patch.
+PATCH_ANGLES = (math.radians(10), math.radians(30))
+
 
 class _Model:
-    """Base of the contact models, which set ``dim``, ``mu`` and ``gamma``."""
+    """Base of the contact models, which set ``dim``, ``mu``, ``gamma`` and ``pull``."""
 
     __slots__ = ()
     dim: ClassVar[int]
@@ -63,11 +72,19 @@ class _Model:
 
 @dataclass(frozen=True, slots=True)
 class FPC(_Model):
-    """Frictionless point contact: pushes along the normal only; c_i = [n]."""
+    """Frictionless point contact: pushes along the normal only; c_i = [n].
 
+    Args:
+        pull: what it can pull with, 0 or more [N].
+    """
+
+    pull: float = 0.0
     dim: ClassVar[int] = 1
     mu: ClassVar[float] = 1.0  # the cone of PCWF without tangents
     gamma: ClassVar[float] = 1.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pull", as_not_negative(self.pull, "FPC.pull", "N"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,14 +93,17 @@ class PCWF(_Model):
 
     Args:
         mu: coefficient of friction [-].
+        pull: what it can pull with, 0 or more [N].
     """
 
     mu: float
+    pull: float = 0.0
     dim: ClassVar[int] = 3
     gamma: ClassVar[float] = 1.0  # there is no torsion
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mu", as_positive(self.mu, "PCWF.mu"))
+        object.__setattr__(self, "pull", as_not_negative(self.pull, "PCWF.pull", "N"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,15 +113,18 @@ class SFC(_Model):
     Args:
         mu: coefficient of friction [-].
         gamma: coefficient of torsional friction [m]: a pure torsion may reach gamma·n [N·m].
+        pull: what it can pull with, 0 or more [N].
     """
 
     mu: float
     gamma: float
+    pull: float = 0.0
     dim: ClassVar[int] = 4
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mu", as_positive(self.mu, "SFC.mu"))
         object.__setattr__(self, "gamma", as_positive(self.gamma, "SFC.gamma", "m"))
+        object.__setattr__(self, "pull", as_not_negative(self.pull, "SFC.pull", "N"))
 
 
 ContactModel: TypeAlias = FPC | PCWF | SFC
@@ -119,9 +142,51 @@ def cone_scalings(mu: Array, gamma: Array) -> Array:
     return np.stack((mu, one, one, mu / gamma), axis=-1)
 
 
-def model_of(dim: int, mu: float, gamma: float) -> ContactModel:
+def model_of(dim: int, mu: float, gamma: float, pull: float = 0.0) -> ContactModel:
     """Return the model with ``dim`` components and these coefficients."""
-    return FPC() if dim == FPC.dim else PCWF(mu) if dim == PCWF.dim else SFC(mu, gamma)
+    if dim == FPC.dim:
+        return FPC(pull)
+    return PCWF(mu, pull) if dim == PCWF.dim else SFC(mu, gamma, pull)
+
+
+def suction_cup(
+    point: ArrayLike,
+    normal: ArrayLike,
+    radius: float,
+    force: float,
+    mu: float,
+    points: int = 8,
+) -> list[Contact]:
+    """Return the contacts of a round vacuum cup, or of a magnet's round face.
+
+    The vacuum pulls with ``force`` at the cup's centre, and the rim pushes where it touches: points
+    of it with friction, spread evenly, each with its share of the force as ``pull``. What the cup
+    bears follows from their cones: a pull up to ``force``; shear by friction of the preload, up to
+    mu·(n + force); torsion up to radius times that; and before the rim lifts off on one side, a
+    peel torque up to radius·(n + force), times cos(π/points) across the polygon's sides. These are
+    the limits of the ring contact of Mahler, Matl, Liu, Li, Gealy and Goldberg, "Dex-Net 3.0", ICRA
+    2018, but for the peel torque, which they take from the cup's elasticity: of a cup that peels at
+    less, give the radius that its peel torque over the vacuum's force makes.
+
+    Args:
+        point: centre of the rim, shape (3,) [m].
+        normal: unit normal into the object, shape (3,).
+        radius: of the rim [m].
+        force: of the vacuum, its pressure times the rim's area [N]; or what a magnet holds.
+        mu: coefficient of friction of the rim [-].
+        points: how many stand for the rim, 3 or more.
+
+    Raises:
+        InvalidInputError: a number out of its range, a wrong shape.
+    """
+    centre, unit = as_array(point, "point", (3,)), _unit(as_array(normal, "normal", (3,)))
+    radius, force = as_positive(radius, "radius", "m"), as_positive(force, "force", "N")
+    count = as_integer(points, "points", 3)
+    model = PCWF(mu, force / count)
+    across = Contact(centre, unit, model).frame[:, 1:]
+    turns = 2 * np.pi * np.arange(count) / count
+    arms = radius * np.column_stack((np.cos(turns), np.sin(turns))) @ across.T
+    return [Contact(centre + arm, unit, model) for arm in arms]
 
 
 def as_models(models: ContactModel | Sequence[ContactModel]) -> tuple[ContactModel, ...]:
@@ -211,6 +276,25 @@ def cross(a: Array, b: Array) -> Array:
     return np.array(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
+
+
+def patch_weights(normals: Array, links: Sequence[object]) -> Array:
+    """Return the weights of the cones with which contacts of one patch share 1, shape (n,).
+
+    How many points stand for one patch is a matter of the simulator's collision geometry. Contacts
+    are of one patch as far as the same link makes them and their normals agree: wholly up to
+    ``PATCH_ANGLES[0]`` apart, not at all from ``PATCH_ANGLES[1]`` on, and in between in
+    proportion, so that no weight jumps. A contact's weight is 1 over the contacts that it shares a
+    patch with, itself among them.
+
+    Args:
+        normals: unit normals, shape (n, 3).
+        links: what makes each contact, n names or numbers.
+    """
+    together = np.array([[one == other for other in links] for one in links], dtype=float)
+    near, far = np.cos(PATCH_ANGLES)
+    together *= np.clip((normals @ normals.T - far) / (near - far), 0.0, 1.0)
+    return 1 / together.sum(axis=1)
 
 
 def contact_starts(models: Sequence[ContactModel]) -> list[int]:

@@ -36,6 +36,9 @@ ROUNDING = 2e-15
 # A direction of the wrench that W, in rows of unit length, reaches by less than this is out of
 # reach to rounding; fainter ones than 1e-10 may be counted either way.
 RANK_TOLERANCE = 1e-13
+# Singular values of W and J below this share of the largest are of contact points that differ by
+# rounding: a row of it alone must not be scaled up.
+UNDETERMINED = 1e-9
 # Forces this many times as large as what the limits are made for mean that nothing holds them.
 RUNAWAY = 1e6
 
@@ -126,15 +129,23 @@ class Cones(NamedTuple):
         dims: components of each contact, n of 1, 3 or 4; the same for a whole batch.
         scaling: of normal force, x, y and torsion, shape (n, 4); see
             :func:`graspforce.contact.cone_scalings`.
+        weight: of each cone's barrier, shape (n,) [-]; None where all are 1.
     """
 
     dims: tuple[int, ...]
     scaling: Array
+    weight: Array | None = None
 
     @classmethod
-    def of(cls, dims: tuple[int, ...], mu: Array, gamma: Array) -> Cones:
-        """Make the cones from coefficients of shape (n,), mu [-] and gamma [m]."""
-        return cls(dims, cone_scalings(mu, gamma))
+    def of(
+        cls, dims: tuple[int, ...], mu: Array, gamma: Array, weight: Array | None = None
+    ) -> Cones:
+        """Make the cones from coefficients of shape (n,), mu [-] and gamma [m], and weights."""
+        return cls(dims, cone_scalings(mu, gamma), weight)
+
+    def weigh(self, parts: Array, axes: int) -> Array:
+        """Return each contact's part of a barrier, which has ``axes`` axes, times its weight."""
+        return parts if self.weight is None else self.weight[(..., *[None] * axes)] * parts
 
     @classmethod
     def of_models(cls, models: Sequence[ContactModel]) -> Cones:
@@ -218,7 +229,7 @@ def g(y: Array, scaling: Array) -> Any:
 
 
 def phi_soc(c: Array, cones: Cones) -> Any:
-    """Barrier of the friction cones, Eq. (9): −Σ ln g_i, with natural logarithms.
+    """Barrier of the friction cones, Eq. (9): −Σ ln g_i, with natural logarithms and the weights.
 
     Args:
         c: contact forces strictly inside the cones, shape (m,) [N, N·m].
@@ -227,7 +238,7 @@ def phi_soc(c: Array, cones: Cones) -> Any:
     Returns:
         The barrier's value, a number [-].
     """
-    return -np.log(g(by_contact(c, cones.dims), cones.scaling)).sum(axis=-1)
+    return -cones.weigh(np.log(g(by_contact(c, cones.dims), cones.scaling)), 0).sum(axis=-1)
 
 
 def grad_phi_soc_contact(y: Array, scaling: Array) -> Array:
@@ -254,7 +265,8 @@ def grad_phi_soc(c: Array, cones: Cones) -> Array:
         Shape (m,) [1/N, 1/(N·m)].
     """
     y = by_contact(c, cones.dims)
-    return stacked(grad_phi_soc_contact(y, cones.scaling), cones.dims)
+    gradient = cones.weigh(grad_phi_soc_contact(y, cones.scaling), 1)
+    return _widened(stacked(gradient, cones.dims), c.shape[-1])
 
 
 def hess_phi_soc_contact(y: Array, scaling: Array) -> Array:
@@ -283,8 +295,16 @@ def hess_phi_soc(c: Array, cones: Cones) -> Array:
         Shape (m, m) [1/N², …].
     """
     y = by_contact(c, cones.dims)
-    rows = _block_diagonal(hess_phi_soc_contact(y, cones.scaling), cones.dims)
-    return rows[..., _places(cones.dims).back, :]
+    blocks = cones.weigh(hess_phi_soc_contact(y, cones.scaling), 2)
+    rows = _block_diagonal(blocks, cones.dims)
+    hessian = _widened(rows[..., _places(cones.dims).back, :], c.shape[-1])
+    return np.swapaxes(_widened(np.swapaxes(hessian, -1, -2), c.shape[-1]), -1, -2)
+
+
+def _widened(x: Array, width: int) -> Array:
+    """Return x with zeros up to a last axis of that width: for variables that no cone bounds."""
+    missing = width - x.shape[-1]
+    return np.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, missing)]) if missing else x
 
 
 def _block_diagonal(blocks: Array, dims: tuple[int, ...]) -> Array:
@@ -307,6 +327,9 @@ class Barriers(NamedTuple):
         alpha: weight of the linear limits, a number, or shape (…,).
         S: rows of W over their softness, zero for exact ones, shape (k, m); None without softness.
         t: entries of f over it, likewise, shape (k,): ½‖S c − t‖² is added to Phi.
+
+    A and S may have further columns, for variables behind c that no cone bounds: the internal
+    forces of motors. c then stands for all of them.
     """
 
     cones: Cones
@@ -318,15 +341,18 @@ class Barriers(NamedTuple):
 
     @property
     def unit(self) -> Any:
-        """min(1, alpha): divided by it, every term of Phi is standard self-concordant."""
-        return np.minimum(1.0, self.alpha)
+        """The least weight of a term, at most 1: over it, Phi is standard self-concordant."""
+        unit = np.minimum(1.0, self.alpha)
+        if self.cones.weight is None:
+            return unit
+        return np.minimum(unit, self.cones.weight.min(axis=-1, initial=1.0))
 
     def lack(self, c: Array) -> Any:
         """S c − t: what soft rows lack, in units of their softness, shape (k,); 0 without any."""
         return 0.0 if self.S is None or self.t is None else _times(self.S, c) - self.t
 
 
-def joint_torques(c: Array, J: Array, tau_bias: Array) -> Array:
+def joint_torques(c: Array, J: Array, tau_bias: Array | float) -> Array:
     """Torques that the joints have to give, Eq. (2): J.T c + tau_bias.
 
     Args:
@@ -638,6 +664,17 @@ def relative_wrench_error(c: Array, W: Array, f: Array) -> Any:
     return wrench_error(c, W, f) / np.where(scale == 0, 1.0, scale)
 
 
+def undetermined(W: Array, J: Array) -> int:
+    """How many components of c neither W c nor J.T c determines.
+
+    Args:
+        W: grasp map of one problem, shape (k, m).
+        J: hand Jacobian, shape (m, n_joints).
+    """
+    sizes = np.linalg.svd(np.vstack((W, J.T)), compute_uv=False)
+    return W.shape[1] - int((sizes > UNDETERMINED * sizes.max(initial=0.0)).sum())
+
+
 def wrench_reachable(W: Array, f: Array) -> bool:
     """Tell whether f is in the range of W, so that some contact force makes it (Eq. 17).
 
@@ -673,7 +710,19 @@ def suboptimality(decrement: float) -> float:
 
 
 def decrement_and_error(c: Array, W: Array, barriers: Barriers) -> tuple[float, float]:
-    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}, and what rounding may do to it.
+    """:func:`decrements_and_errors` of one problem, as two numbers."""
+    dims, scaling, weight = barriers.cones
+    batch = Barriers(
+        Cones(dims, scaling[None], None if weight is None else weight[None]),
+        barriers.A[None], barriers.b[None], np.asarray(barriers.alpha)[None],
+        *(() if barriers.S is None or barriers.t is None else (barriers.S[None], barriers.t[None])),
+    )  # fmt: skip
+    decrement, error = decrements_and_errors(c[None], W[None], batch)
+    return float(decrement[0]), float(error[0])
+
+
+def decrements_and_errors(c: Array, W: Array, barriers: Barriers) -> tuple[Array, Array]:
+    """Newton decrements at c of Phi over its unit on {W c = f}, and what rounding may do to them.
 
     It is the length of what projecting onto W d = 0 leaves of the scaled gradient γ, where
     ``∇Phi = G.T γ`` and ``∇²Phi = G.T G``: the Hessian itself, which holds squares, is not formed.
@@ -683,50 +732,81 @@ def decrement_and_error(c: Array, W: Array, barriers: Barriers) -> tuple[float, 
     times its condition, and the decrement follows.
 
     Args:
-        c: contact forces of one problem, shape (m,) [N, N·m].
-        W: grasp map, shape (k, m).
-        barriers: cones, limits, alpha and softness.
+        c: contact forces of B problems, shape (B, m) [N, N·m].
+        W: grasp maps, shape (B, k, m).
+        barriers: cones, limits, alpha and softness, each with the leading axis.
 
     Returns:
-        The decrement [-], inf outside, and on the boundary as far as rounding can tell; and how
-        far the rounding of c and W may have moved it.
+        The decrements [-], shape (B,), inf outside, and on the boundary as far as rounding can
+        tell; and how far the rounding of c and W may have moved them.
     """
-    if not len(c):
-        return 0.0, 0.0
+    decrement, error = np.full(len(c), np.inf), np.zeros(len(c))
+    if not c.shape[-1]:
+        return error, error
     with np.errstate(all="ignore"):
-        if not strictly_inside(c, barriers, ROUNDING):
-            return math.inf, 0.0
-        try:
-            length, error = _projected_length(c, W, *factored_derivatives(c, barriers))
-        except np.linalg.LinAlgError:  # rounding or overflow has the last word
-            return math.inf, 0.0
-    return (length, error) if math.isfinite(length) else (math.inf, 0.0)
+        inside = strictly_inside(c, barriers, ROUNDING)
+        size = np.linalg.norm(W, axis=-1, keepdims=True)
+        scaled = W / np.where(size > 0, size, 1)
+        inside &= np.isfinite(scaled).all(axis=(-1, -2)) & np.isfinite(c).all(axis=-1)
+        if not inside.any():
+            return decrement, error
+        G, gamma = factored_derivatives(c, barriers)
+        inside &= np.isfinite(G).all(axis=(-1, -2)) & np.isfinite(gamma).all(axis=-1)
+        _, strengths, directions = np.linalg.svd(scaled[inside], full_matrices=False)
+        rank = (strengths > RANK_TOLERANCE * strengths.max(axis=-1, initial=0)[:, None]).sum(axis=1)
+        for each in np.unique(rank).tolist():  # the rank decides the shapes
+            rows = np.flatnonzero(inside)[rank == each]
+            of_rank = rank == each
+            lengths, errors = _projected_lengths(
+                c[rows], strengths[of_rank], directions[of_rank], G[rows], gamma[rows], each
+            )
+            decrement[rows] = np.where(np.isfinite(lengths), lengths, np.inf)
+            error[rows] = np.where(np.isfinite(lengths), errors, 0.0)
+    return decrement, error
 
 
-def _projected_length(c: Array, W: Array, G: Array, gamma: Array) -> tuple[float, float]:
-    """Length of what projecting onto W d = 0 leaves of γ, and what rounding may do to it."""
-    order = np.argsort(-np.abs(G).max(axis=1))  # what rounding does to the large rows stays there
-    Q, R = np.linalg.qr(G[order])
-    along = Q.T @ gamma[order]
-    size = np.linalg.norm(W, axis=1, keepdims=True)
-    _, strengths, directions = np.linalg.svd(W / np.where(size > 0, size, 1), False)
-    rank = int((strengths > RANK_TOLERANCE * strengths.max(initial=0)).sum())
-    if rank == len(c):  # W c = f has one solution
-        return 0.0, 0.0
-    Z = np.linalg.solve(R.T, directions[:rank].T)
-    Z = Z / np.linalg.norm(Z, axis=0)
+def _projected_lengths(
+    c: Array, strengths: Array, directions: Array, G: Array, gamma: Array, rank: int
+) -> tuple[Array, Array]:
+    """Lengths of what projecting onto W d = 0 leaves of γ, and what rounding may do to them.
+
+    Args:
+        c: forces, shape (B, m).
+        strengths: singular values of W in rows of unit length, shape (B, r).
+        directions: its right singular vectors, shape (B, r, m).
+        G: see :func:`factored_derivatives`, shape (B, v, m).
+        gamma: likewise, shape (B, v).
+        rank: of W in all rows.
+    """
+    m = c.shape[1]
+    if rank == m:  # W c = f has one solution
+        return np.zeros(len(c)), np.zeros(len(c))
+    order = np.argsort(-np.abs(G).max(axis=-1))  # what rounding does to the large rows stays there
+    Q, R = np.linalg.qr(np.take_along_axis(G, order[..., None], axis=1))
+    along = _times(np.swapaxes(Q, 1, 2), np.take_along_axis(gamma, order, axis=1))
+    broken = (np.diagonal(R, axis1=1, axis2=2) == 0).any(axis=1)  # rounding has the last word
+    R[broken] = np.eye(m)
+    Z = np.linalg.solve(np.swapaxes(R, 1, 2), np.swapaxes(directions[:, :rank], 1, 2))
+    Z = Z / np.linalg.norm(Z, axis=1, keepdims=True)
+    broken |= ~np.isfinite(Z).all(axis=(1, 2)) | ~np.isfinite(along).all(axis=1)
+    Z[broken] = np.eye(m)[:, :rank]
     basis, _ = np.linalg.qr(Z)
     left = along
     for _ in range(2):  # once more for what cancellation leaves
-        left = left - basis @ (basis.T @ left)
-    condition = float(np.linalg.cond(Z) * strengths[0] / strengths[rank - 1]) if rank else 1.0
-    turned = 16 * len(c) * condition * float(np.linalg.norm(along))
-    moved = 64 * float(np.linalg.norm(np.abs(G) @ np.abs(c)))
-    return float(np.linalg.norm(left)), np.finfo(float).eps * (turned + moved)
+        left = left - _times(basis, _times(np.swapaxes(basis, 1, 2), left))
+    condition: Any = np.ones(len(c))
+    if rank:
+        condition = np.linalg.cond(Z) * strengths[:, 0] / strengths[:, rank - 1]
+    turned = 16 * m * condition * np.linalg.norm(along, axis=1)
+    moved = 64 * (
+        np.linalg.norm(_times(np.abs(G), np.abs(c)), axis=1) + np.linalg.norm(gamma, axis=1)
+    )
+    lengths = np.where(broken, np.inf, np.linalg.norm(left, axis=1))
+    return lengths, np.spacing(1.0) * (turned + moved)
 
 
 def factored_derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
-    """Return G and γ with ∇Phi = G.T γ and ∇²Phi = G.T G, of Phi / min(1, alpha).
+    """Return G and γ with ∇Phi = G.T γ and ∇²Phi = G.T G, of Phi over its unit.
 
     In s = scaling·y the Hessian of −ln det s, det s = s_0² − ‖ŝ‖², is 2 B²/det s, where B is the
     boost that takes the cone's axis to (s_0, −ŝ)/√det s, and the gradient is
@@ -740,7 +820,8 @@ def factored_derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
         G, shape (v + 4 n, m), with rows of zeros for components that a contact does not have;
         and γ, shape (v + 4 n,); with k rows more where there is softness.
     """
-    (dims, scaling), A, b, alpha = barriers[:4]
+    cones, A, b, alpha = barriers[:4]
+    dims, scaling, of_cone = cones
     weight = np.asarray(alpha / barriers.unit)[..., None]
     of_limits = np.sqrt(weight)[..., None] * A / slacks(c, A, b)[..., None]
     s = scaling * by_contact(c, dims)
@@ -751,8 +832,10 @@ def factored_derivatives(c: Array, barriers: Barriers) -> tuple[Array, Array]:
     u = w + axis
     B = u[..., :, None] * u[..., None, :] / u[..., :1, None] - np.diag(_METRIC)
     doubled = np.sqrt(2 / np.asarray(barriers.unit))[..., None]
+    if of_cone is not None:
+        doubled = doubled * np.sqrt(of_cone)
     blocks = (doubled / np.sqrt(det))[..., None, None] * B * scaling[..., None, :]
-    of_cones = _block_diagonal(blocks, dims)
+    of_cones = _widened(_block_diagonal(blocks, dims), c.shape[-1])
     pulls = (-doubled[..., None] * np.ones((len(dims), 1)) * axis).reshape(*c.shape[:-1], -1)
     ones = np.ones(slacks(c, A, b).shape)
     G, gamma = [of_limits, of_cones], [np.sqrt(weight) * ones, pulls]

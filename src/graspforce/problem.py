@@ -9,7 +9,7 @@ buffer, whose order :mod:`graspforce._engine.layout` fixes.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
@@ -50,6 +50,8 @@ class ProblemOptions(TypedDict, total=False):
     c_last: ArrayLike | None
     dc_max: ArrayLike | None
     f_soft: ArrayLike | None
+    internal: ArrayLike | None
+    cone_weight: ArrayLike | None
 
 
 class ProblemArguments(ProblemOptions, total=False):
@@ -90,6 +92,14 @@ class ForceProblem:
         f_soft: softness of each row of W c = f, shape (k,) or a scalar [N, N·m]; 0 for a row that
             has to hold. The others may be missed: ½‖(W c − f)/f_soft‖² over them is added to
             what is minimised. What a pinch, a balance controller or a measured load needs.
+        internal: where there are more motors than motions, and J is by motors, the r independent
+            internal forces of the motors, which make no torque at any joint, shape (r, n_joints):
+            ``tau = J.T c + internal.T v + tau_bias`` with any v. An infeasible problem can be
+            proved so where for each v some motor feels it alone (a column of zeros in J).
+        cone_weight: weight of each contact's cone in Phi_soc, shape (n,) or a scalar, above 0;
+            default 1. Points that stand for one patch share 1 between them
+            (:func:`graspforce.contact.patch_weights`), so that the grip does not depend on how
+            many they are.
 
     Raises:
         InvalidInputError: a wrong shape, NaN or infinity, a limit that excludes another, limits
@@ -110,9 +120,12 @@ class ForceProblem:
     c_max: Array
     c_min: Array
     engagement: Array
+    pull: Array
     f_soft: Array
+    cone_weight: Array
     c_last: Array
     dc_max: Array
+    internal: Array
     A: Array
     b: Array
     mu: Array
@@ -137,6 +150,8 @@ class ForceProblem:
         c_last: ArrayLike | None = None,
         dc_max: ArrayLike | None = None,
         f_soft: ArrayLike | None = None,
+        internal: ArrayLike | None = None,
+        cone_weight: ArrayLike | None = None,
     ) -> None:
         grasp = as_array(W, "W", ("k", "m"), finite=False)
         k, m = grasp.shape
@@ -145,26 +160,24 @@ class ForceProblem:
             "W": grasp, "f": f, "J": J, "tau_lo": tau_lo, "tau_hi": tau_hi, "tau_bias": tau_bias,
             "c_max": c_max, "c_min": c_min, "engagement": engagement, "f_soft": f_soft,
             "c_last": c_last, "dc_max": dc_max, "A": A, "b": b, "alpha": alpha,
+            "internal": internal,
+            "cone_weight": cone_weight,
         }  # fmt: skip
-        for group in _GROUPS:
-            _together({name: given[name] for name in group})
-        if tau_bias is not None and J is None:
-            raise InvalidInputError("tau_bias: given without J, tau_lo and tau_hi")
-        if engagement is not None and c_max is None:
-            raise InvalidInputError("engagement: given without c_max, the ceiling that it scales")
-        joints = inequalities = 0
+        require_groups(given)
+        joints = inequalities = internals = 0
         if J is not None:
             given["J"] = as_array(J, "J", (m, "n_joints"), finite=False)
             joints = given["J"].shape[1]
+        if internal is not None:
+            given["internal"] = as_array(internal, "internal", ("r", joints), finite=False)
+            internals = given["internal"].shape[0]
         if A is not None:
             given["A"] = as_array(A, "A", ("p", m), finite=False)
             inequalities = given["A"].shape[0]
-        layout = Layout(
-            k, tuple(model.dim for model in each), joints, inequalities, c_max is not None,
-            c_min is not None, c_last is not None, f_soft is not None,
-        )  # fmt: skip
+        layout = layout_of(given, each, k, joints, inequalities, internals)
         given["mu"] = [model.mu for model in each]
         given["gamma"] = [model.gamma for model in each]
+        given["pull"] = [model.pull for model in each] if layout.pulls else None
         slots = layout.slots
         packed = np.empty(slots["alpha"].stop)
         for name, slot in slots.items():
@@ -193,7 +206,10 @@ class ForceProblem:
         """Make a field's view, or the models, when first asked for: many never are."""
         if name == "models":
             layout = self.layout
-            coefficients = zip(layout.dims, self.mu.tolist(), self.gamma.tolist(), strict=True)
+            pulls = self.pull.tolist() if layout.pulls else [0.0] * len(layout.dims)
+            coefficients = zip(
+                layout.dims, self.mu.tolist(), self.gamma.tolist(), pulls, strict=True
+            )
             value: Any = tuple(model_of(*each) for each in coefficients)
         elif name in FIELDS:
             start, stop, shape = self.layout.slots[name]
@@ -265,10 +281,11 @@ class ForceProblem:
 
     @property
     def squeezed(self) -> NDArray[np.bool_]:
-        """Which contacts' normal forces are set, c_min = c_max to 1e-9, shape (n,)."""
+        """Which contacts' normal forces are set, c_min = c_max to 1e-9 of n + pull, shape (n,)."""
         if not (self.layout.ceilings and self.layout.floors):
             return np.zeros(self.n, dtype=bool)
-        return self.c_min >= (1 - SQUEEZE) * self.c_max
+        pull = self.pull if self.layout.pulls else 0.0
+        return self.c_min + pull >= (1 - SQUEEZE) * (self.c_max + pull)
 
     @property
     def active(self) -> NDArray[np.bool_]:
@@ -280,6 +297,24 @@ class ForceProblem:
         """Which components of c belong to contacts that are in the grasp, shape (m,)."""
         return np.repeat(self.active, self.layout.dims)
 
+    @property
+    def active_forces(self) -> NDArray[np.bool_]:
+        """Which forces take part, shape (m + r,): :attr:`active_components`, all internal ones."""
+        return np.append(self.active_components, np.ones(self.layout.internals, dtype=bool))
+
+    @property
+    def preload(self) -> Array:
+        """What :attr:`pull` makes of the normal components, shape (m + r,) [N]; zeros elsewhere."""
+        return preload(self.layout, self.layout.views(self.packed))
+
+    def without_pulls(self) -> ForceProblem:
+        """Return the same problem in ``c + preload``, in which all cones are the ordinary ones."""
+        if not self.layout.pulls:
+            return self
+        layout, fields = without_pulls(self.layout, self.layout.views(self.packed))
+        packed = [np.ravel(fields[name]) for name in FIELDS if fields[name].size]
+        return ForceProblem.from_packed(layout, np.concatenate(packed))
+
     def restricted(self) -> ForceProblem:
         """Return the problem without the contacts that are out of the grasp.
 
@@ -289,9 +324,10 @@ class ForceProblem:
         if self.active.all():
             return self
         layout, kept = self.layout, self.active_components
-        joints, rows = _touches(self.J.T, kept), _touches(self.A, kept)
+        joints, rows = self._joints_that_count(), _touches(self.A, kept)
         chosen = {"m": kept, "n": self.active, "n_joints": joints, "p": rows}
         chosen["k"] = np.ones(layout.wrench_rows, dtype=bool)
+        chosen["r"] = np.ones(layout.internals, dtype=bool)
         packed = [
             view[np.ix_(*(chosen[axis] for axis in FIELDS[name].shape))].ravel()
             for name, view in layout.views(self.packed).items()
@@ -305,13 +341,14 @@ class ForceProblem:
         """Put forces of the :meth:`restricted` problem back, zeros for the contacts that are out.
 
         Args:
-            c: contact forces of the contacts that are in the grasp.
+            c: forces of the contacts that are in the grasp, and all internal forces behind them.
 
         Returns:
-            Contact forces of all contacts, shape (m,).
+            Forces of all contacts, and the internal ones, shape (m + r,).
         """
-        whole = np.zeros(self.m)
-        whole[self.active_components] = c
+        kept = self.active_forces
+        whole = np.zeros(len(kept))
+        whole[kept] = c
         return whole
 
     def scatter_multipliers(self, z: Array) -> Array:
@@ -330,11 +367,16 @@ class ForceProblem:
     @property
     def cones(self) -> Cones:
         """The friction cones of all contacts."""
-        return Cones.of(self.layout.dims, self.mu, self.gamma)
+        weight = self.cone_weight if self.layout.cone_weights else None
+        return Cones.of(self.layout.dims, self.mu, self.gamma, weight)
 
     @property
     def barriers(self) -> Barriers:
-        """The terms of Eq. (16); of a :meth:`restricted` problem, those that count."""
+        """The terms of Eq. (16), of a problem :meth:`without_pulls`.
+
+        Of a :meth:`restricted` problem they are those that count. With internal forces they are
+        functions of these as well, behind c.
+        """
         return Barriers(self.cones, *self.linear_limits(), self.alpha, *self._soft_rows())
 
     @property
@@ -346,10 +388,14 @@ class ForceProblem:
 
     @property
     def equalities(self) -> tuple[Array, Array]:
-        """W, shape (k, m), and f, shape (k,), of W c = f with zeros for the soft rows."""
+        """W and f, shape (k,), of W c = f with zeros for the soft rows.
+
+        W has shape (k, m + r), with columns of zeros for the internal forces.
+        """
+        W = _beside(self.W, self.layout.internals)
         if not self.layout.soft_wrench:
-            return self.W, self.f
-        return self.W * self.exact[:, None], self.f * self.exact
+            return W, self.f
+        return W * self.exact[:, None], self.f * self.exact
 
     def _soft_rows(self) -> tuple[Array, Array] | tuple[()]:
         """S and t of :class:`graspforce.equations.Barriers`."""
@@ -359,20 +405,21 @@ class ForceProblem:
         """Return every linear limit that counts as ``A c ≤ b`` (Eq. 5, 15 and 20).
 
         Returns:
-            A, shape (v, m), and b, shape (v,). Rows in this order: tau_hi, tau_lo, ceilings,
-            floors, rates above and below, the problem's own A. The columns of contacts that are
-            out of the grasp are zero, and rows that touch no other contacts are left out.
+            A, shape (v, m + r), and b, shape (v,). Rows in this order: tau_hi, tau_lo, ceilings,
+            floors, rates above and below, the problem's own A. The last r columns are for the
+            internal forces of the motors. The columns of contacts that are out of the grasp are
+            zero, and rows that touch nothing else are left out.
         """
         A, b = all_limits(self.layout, self.layout.views(self.packed))
         if self.active.all():
             return A, b
         counted = self.counted_limits()
-        return A[counted] * self.active_components, b[counted]
+        return A[counted] * self.active_forces, b[counted]
 
     def counted_limits(self) -> NDArray[np.bool_]:
         """Which of all the rows :meth:`linear_limits` keeps: not those of removed contacts."""
         layout, kept = self.layout, self.active_components
-        joints = _touches(self.J.T, kept)
+        joints = self._joints_that_count()
         return np.concatenate(
             [joints] * 2
             + [self.active] * (layout.ceilings + layout.floors)
@@ -380,18 +427,31 @@ class ForceProblem:
             + [_touches(self.A, kept)]
         )
 
+    def _joints_that_count(self) -> NDArray[np.bool_]:
+        return _touches(np.concatenate((self.J, self.internal)).T, self.active_forces)
+
+    @property
+    def undetermined(self) -> int:
+        """How many components of c neither W c = f nor the torques determine; 0 without J."""
+        if not self.layout.joints:
+            return 0
+        kept = self.active_components
+        return equations.undetermined(self.W[:, kept], self.J[kept])
+
     def violation_scales(self) -> tuple[Array, Array]:
         """What one unit of relative violation means, for each linear limit and each cone.
 
         A contact's *reach* is the normal force that alone would use up the tightest range among its
-        joints' torques and its ceiling. A cone may be violated by mu·reach, a ceiling or floor by
-        reach, a torque limit or a rate limit by half its range, a row of A by what forces of the
-        size of reach make.
+        joints' torques and its ceiling, which pull is added to. A cone may be violated by mu·reach,
+        a ceiling or floor by reach, a torque limit or a rate limit by half its range, a row of A by
+        what forces of the size of reach make.
 
         Returns:
             scales of all rows that :meth:`linear_limits` keeps, shape (v,), and of the cones,
             shape (n,).
         """
+        if self.layout.pulls:
+            return self.without_pulls().violation_scales()
         layout, active = self.layout, self.active
         half = (self.tau_hi - self.tau_lo) / 2
         with np.errstate(divide="ignore"):
@@ -455,6 +515,8 @@ class ForceProblem:
         bounds += ["floors"] if self.layout.floors else []
         bounds += ["rate limits"] if self.layout.rate_limits else []
         bounds += ["soft wrench"] if self.layout.soft_wrench else []
+        bounds += ["pulls"] if self.layout.pulls else []
+        bounds += [f"{self.layout.internals} internal forces"] if self.layout.internals else []
         bounds += [f"{self.layout.inequalities} inequalities"] if self.layout.inequalities else []
         return (
             f"ForceProblem({contacts}; {', '.join(bounds) or 'no limits'}; "
@@ -480,22 +542,22 @@ def all_limits(layout: Layout, fields: Mapping[str, Array]) -> tuple[Array, Arra
         fields: the problems' fields by name, with any leading axes, see :meth:`Layout.views`.
 
     Returns:
-        A, shape (…, v, m), and b, shape (…, v), in the order of :meth:`ForceProblem.linear_limits`.
+        A, shape (…, v, m + r), and b, shape (…, v), in the order of
+        :meth:`ForceProblem.linear_limits`.
     """
-    parts = [
-        equations.torque_limits(
-            fields["J"], *(fields[name] - fields["tau_bias"] for name in ("tau_lo", "tau_hi"))
-        )
-    ]
+    arms = np.concatenate((fields["J"], fields["internal"]), axis=-2)
+    room = (fields[name] - fields["tau_bias"] for name in ("tau_lo", "tau_hi"))
+    parts = [equations.torque_limits(arms, *room)]
+    pull = fields["pull"] if layout.pulls else 0.0
     if layout.ceilings:
         c_max = fields["c_max"]
         if layout.floors:
-            c_max = np.maximum(c_max, (1 + SQUEEZE) * fields["c_min"])
+            c_max = np.maximum(c_max + pull, (1 + SQUEEZE) * (fields["c_min"] + pull)) - pull
         parts.append(equations.ceilings(layout.dims, fields["engagement"], c_max))
     if layout.floors:
         c_min = fields["c_min"]
         if layout.ceilings:
-            c_min = np.minimum(c_min, (1 - SQUEEZE) * fields["c_max"])
+            c_min = np.minimum(c_min + pull, (1 - SQUEEZE) * (fields["c_max"] + pull)) - pull
         normals, floors = equations.ceilings(layout.dims, fields["engagement"], c_min)
         parts.append((-normals, -floors))
     if layout.rate_limits:
@@ -504,14 +566,58 @@ def all_limits(layout: Layout, fields: Mapping[str, Array]) -> tuple[Array, Arra
         parts.append((-unit, fields["dc_max"] - fields["c_last"]))
     parts.append((fields["A"], fields["b"]))
     batch = fields["f"].shape[:-1]
-    rows = [np.broadcast_to(A, batch + A.shape[-2:]) for A, _ in parts]
+    width = arms.shape[-2]
+    rows = [
+        np.broadcast_to(_beside(A, width - A.shape[-1]), (*batch, A.shape[-2], width))
+        for A, _ in parts
+    ]
     return np.concatenate(rows, axis=-2), np.concatenate([b for _, b in parts], axis=-1)
 
 
 def soft_rows(fields: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return W and f over f_soft, zero in the exact rows, of a problem or a batch of them."""
     over = np.where(fields["f_soft"] > 0, fields["f_soft"], np.inf)
-    return fields["W"] / over[..., None], fields["f"] / over
+    W = _beside(fields["W"], fields["internal"].shape[-2])
+    return W / over[..., None], fields["f"] / over
+
+
+def preload(layout: Layout, fields: Mapping[str, Array]) -> Array:
+    """Return engagement·pull in the places of the normal forces, shape (…, m + r)."""
+    m = sum(layout.dims)
+    shift = np.zeros((*fields["f"].shape[:-1], m + layout.internals))
+    if layout.pulls:
+        there = fields["engagement"] > REMOVAL_THRESHOLD
+        normals = np.cumsum((0, *layout.dims[:-1]))
+        shift[..., normals] = np.where(there, fields["engagement"] * fields["pull"], 0.0)
+    return shift
+
+
+def without_pulls(layout: Layout, fields: Mapping[str, Array]) -> tuple[Layout, dict[str, Array]]:
+    """Return a problem, or a batch of them, in c + :func:`preload`; all cones are ordinary there.
+
+    What is linear has other right-hand sides: ``W (c + p) = f + W p``, and so on.
+    """
+    if not layout.pulls:
+        return layout, dict(fields)
+    shift = preload(layout, fields)[..., : sum(layout.dims)]
+    moved = dict(fields)
+    moved["f"] = equations.slacks(-shift, fields["W"], fields["f"])
+    moved["tau_bias"] = fields["tau_bias"] - equations.joint_torques(shift, fields["J"], 0.0)
+    moved["b"] = equations.slacks(-shift, fields["A"], fields["b"])
+    for name in ("c_max", "c_min"):
+        if fields[name].size:
+            moved[name] = fields[name] + fields["pull"]
+    if layout.rate_limits:
+        moved["c_last"] = fields["c_last"] + shift
+    moved["pull"] = fields["pull"][..., :0]
+    return layout._replace(pulls=False), moved
+
+
+def _beside(rows: Array, count: int) -> Array:
+    """Return rows with so many columns of zeros behind the others: of internal forces."""
+    if not count:
+        return rows
+    return np.concatenate((rows, np.zeros((*rows.shape[:-1], count))), axis=-1)
 
 
 def _touches(rows: Array, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -538,6 +644,46 @@ def _check_values(layout: Layout, packed: Array) -> None:
     flaw = native.module.find_flaw(layout, packed)
     if flaw is not None:
         native.refuse(flaw)
+
+
+def require_known(names: Collection[str]) -> None:
+    """Raise unless every name is one of an argument of :class:`ForceProblem`.
+
+    Raises:
+        InvalidInputError: one is not; the text lists the valid ones.
+    """
+    require_keywords(names, ProblemOptions.__annotations__, "ForceProblem")
+
+
+def require_groups(given: Mapping[str, object]) -> None:
+    """Raise unless arguments that make sense together alone are given together, or None.
+
+    Raises:
+        InvalidInputError: one is missing.
+    """
+    for group in _GROUPS:
+        _together({name: given[name] for name in group})
+    for name in ("tau_bias", "internal"):
+        if given[name] is not None and given["J"] is None:
+            raise InvalidInputError(f"{name}: given without J, tau_lo and tau_hi")
+    if given["engagement"] is not None and given["c_max"] is None:
+        raise InvalidInputError("engagement: given without c_max, the ceiling that it scales")
+
+
+def layout_of(
+    given: Mapping[str, object],
+    models: Sequence[ContactModel],
+    k: int,
+    joints: int,
+    inequalities: int,
+    internals: int,
+) -> Layout:
+    """Return the layout of problems with these arguments, None for one that is not given."""
+    return Layout(
+        k, tuple(model.dim for model in models), joints, inequalities, given["c_max"] is not None,
+        given["c_min"] is not None, given["c_last"] is not None, given["f_soft"] is not None,
+        any(model.pull > 0 for model in models), internals, given["cone_weight"] is not None,
+    )  # fmt: skip
 
 
 def _together(arguments: dict[str, object]) -> None:

@@ -1,8 +1,10 @@
-"""Engagement schedules: fingers that release and regrasp (Section III-C.3).
+"""Fingers that release and regrasp (Section III-C.3): which can, how fast, and on which schedule.
 
 The ceiling of a finger's normal force is engagement·c_max (Eq. 20). A schedule takes the
 engagement from 1 to 0 before the finger leaves and back to 1 after it returned. At or below
-``REMOVAL_THRESHOLD`` the contact is removed from the problem.
+``REMOVAL_THRESHOLD`` the contact is removed from the problem. Whether a finger can leave at all,
+how low its engagement can go and how fast is what :func:`can_leave`, :func:`lowest_engagement`,
+:func:`next_to_lift`, :func:`shortest_ramp` and :func:`payload_during_lift` answer.
 """
 
 from __future__ import annotations
@@ -23,10 +25,35 @@ from graspforce._util.arrays import (
     as_tuple,
     require_choice,
 )
+from graspforce.answers.regrasp import (
+    Departure,
+    Lift,
+    Ramp,
+    can_leave,
+    lowest_engagement,
+    next_to_lift,
+    payload_during_lift,
+    shortest_ramp,
+)
 from graspforce.errors import InvalidInputError
 from graspforce.problem import REMOVAL_THRESHOLD
 
-__all__ = ["REMOVAL_THRESHOLD", "Release", "Schedule", "is_removed", "linear", "smooth"]
+__all__ = [
+    "REMOVAL_THRESHOLD",
+    "Departure",
+    "Lift",
+    "Ramp",
+    "Release",
+    "Schedule",
+    "can_leave",
+    "is_removed",
+    "linear",
+    "lowest_engagement",
+    "next_to_lift",
+    "payload_during_lift",
+    "shortest_ramp",
+    "smooth",
+]
 
 
 def is_removed(engagement: ArrayLike) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

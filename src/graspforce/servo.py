@@ -49,11 +49,11 @@ class Servo:
         InvalidInputError: an argument of the wrong kind.
 
     Attributes:
-        W, f, J, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, f_soft, c_last, dc_max, A, b,
-            mu, gamma, alpha: the next tick's fields of a :class:`ForceProblem`, arrays that live
-            in the Servo and are written in place (``servo.alpha[...] = 3``); empty where the first
-            problem had none. With rate limits, ``c_last`` is overwritten by the forces of every
-            tick that is SOLVED or ``nearest``.
+        W, f, J, internal, tau_lo, tau_hi, tau_bias, c_max, c_min, engagement, pull, f_soft,
+            cone_weight, c_last, dc_max, A, b, mu, gamma, alpha: the next tick's fields of a
+            :class:`ForceProblem`, arrays that live in the Servo and are written in place
+            (``servo.alpha[...] = 3``); empty where the first problem had none. With rate limits,
+            ``c_last`` is overwritten by the forces of every tick that is SOLVED or ``nearest``.
     """
 
     __slots__ = {
@@ -77,12 +77,14 @@ class Servo:
     W: Array
     f: Array
     J: Array
+    internal: Array
     tau_lo: Array
     tau_hi: Array
     tau_bias: Array
     c_max: Array
     c_min: Array
     engagement: Array
+    pull: Array
     f_soft: Array
     c_last: Array
     dc_max: Array
@@ -90,6 +92,7 @@ class Servo:
     b: Array
     mu: Array
     gamma: Array
+    cone_weight: Array
     alpha: Array
 
     def __init__(self, problem: ForceProblem, settings: Settings | None = None) -> None:
@@ -158,6 +161,11 @@ class Servo:
     def c(self) -> Array:
         """Contact forces of the last tick, shape (m,); a view that the next tick overwrites."""
         return self._backend.c
+
+    @property
+    def internal_forces(self) -> Array:
+        """Internal forces v of the motors, shape (r,), likewise: tau has ``internal.T @ v``."""
+        return self._backend.internal_forces
 
     @property
     def nu(self) -> Array:

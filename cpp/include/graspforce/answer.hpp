@@ -57,7 +57,7 @@ enum class Start : int {
 struct Result {
   Status status = Status::InvalidNumbers;
   int newton_steps = 0;
-  double decrement = kInfinity;  // certified bound, for Phi / min(1, alpha)
+  double decrement = kInfinity;  // certified bound, for Phi / barrier_unit
   double violation = 0;          // least relative violation when infeasible
   // Without a verdict of Solved: the forces are strictly inside every cone and limit, and make the
   // wrench nearest to f (see nearest.hpp).
@@ -68,14 +68,14 @@ struct Result {
 
 struct Answer {
   Result result;
-  std::vector<double> c;   // forces
+  std::vector<double> c;   // forces of the contacts, then the internal ones
   std::vector<double> nu;  // multipliers of W c = f
   // The certificate when infeasible, as proves_infeasible takes it.
   std::vector<double> y, z;
   double wrench_error = kInfinity;  // of the best forces inside the limits that are known
 
   explicit Answer(const Layout& layout)
-      : c(layout.components()),
+      : c(force_count(layout)),
         nu(layout.wrench_rows),
         y(layout.wrench_rows),
         z(limit_count(layout)) {}

@@ -8,7 +8,7 @@
 //     λ² = Σ ‖Z ν − u‖²                  the decrement, d's restoring part included
 //
 // so no null space is formed, and the residual f − W c is removed by the same step. Phi is divided
-// by min(1, alpha): each of its terms is then standard self-concordant.
+// by its unit, the least weight of its terms: each is then standard self-concordant.
 #pragma once
 
 #include <algorithm>
@@ -46,9 +46,9 @@ class Barrier : public BlockPoint {
     }
   }
 
-  void set_weights(double alpha) {
-    cone_weight_ = 1 / std::min(1.0, alpha);
-    limit_weight_ = alpha * cone_weight_;
+  void set_weights(const Problem& p) {
+    cone_weight_ = 1 / barrier_unit(blocks_.layout(), p);
+    limit_weight_ = *p.alpha * cone_weight_;
   }
 
   double cone_weight() const { return cone_weight_; }
@@ -157,7 +157,7 @@ class Barrier : public BlockPoint {
         if (with_hessian) w.H[0] = cone_weight_;
       }
       for (const Tip& tip : part(b).tips)
-        if (!tip.cone.add_derivatives(c(b) + tip.first, cone_weight_, w.g + tip.first,
+        if (!tip.cone.add_derivatives(c(b) + tip.first, tip.weight * cone_weight_, w.g + tip.first,
                                       with_hessian ? w.H + tip.first * (q + 1) : nullptr, q))
           return false;
       for (int r = 0; r < part(b).rows; ++r) {

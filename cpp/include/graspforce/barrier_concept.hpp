@@ -7,7 +7,7 @@
 
 namespace graspforce {
 
-// A barrier holds a point c and a step d of one problem, and Phi / min(1, alpha) there.
+// A barrier holds a point c and a step d of one problem, and Phi / barrier_unit there.
 //
 //   point     set_forces(c), get_forces(c): forces in the problem's order; contacts out of the
 //   grasp

@@ -30,7 +30,7 @@ class BlockPoint {
     }
   }
 
-  // ---- forces in the problem's order -------------------------------------------------------
+  // ---- forces in the problem's order, the internal ones behind those of the contacts ---------
 
   void set_forces(const double* c) {
     for (int b = 0; b < count(); ++b)
@@ -50,7 +50,7 @@ class BlockPoint {
 
   // Contacts out of the grasp get zero.
   void get_forces(double* c) const {
-    std::fill(c, c + blocks_.layout().components(), 0.0);
+    std::fill(c, c + force_count(blocks_.layout()), 0.0);
     for (int b = 0; b < count(); ++b)
       for (int i = 0; i < part(b).components.size(); ++i) c[part(b).components[i]] = this->c(b)[i];
   }

@@ -50,11 +50,12 @@ struct Tip {
   Cone cone;
   double reach;       // the normal force that alone uses up the tightest limit
   double cone_scale;  // violation of the cone that counts as one, mu·reach
+  double weight;      // of the cone's barrier
 };
 
 struct BlockData {
   const Block* block;  // null: the slack of a soft row
-  Indices components;  // of c; a slack is none
+  Indices components;  // of c, then of the internal forces; a slack is none
   int slack_row;       // in the problem; −1 for forces
   int q, rows;         // unknowns, rows
   Span<Tip> tips;
@@ -94,7 +95,7 @@ class Blocks {
           nullptr, nullptr,          nullptr, nullptr, nullptr};
       int first = 0;
       for (int contact : block.contacts) {
-        *tips++ = {contact, first, {structure.dim(contact), 1, 1}, 1, 1};
+        *tips++ = {contact, first, {structure.dim(contact), 1, 1}, 1, 1, 1};
         first += structure.dim(contact);
       }
       part.Wt = arena_.take(q * k);
@@ -189,7 +190,7 @@ class Blocks {
  private:
   // What `allot` takes for any structure.
   static std::size_t most_numbers(const Layout& layout) {
-    return std::size_t(layout.components()) * layout.wrench_rows +
+    return std::size_t(force_count(layout)) * layout.wrench_rows +
            most_rows(layout) * (largest_block(layout) + 3) +
            std::size_t(layout.wrench_rows) * layout.wrench_rows;
   }
@@ -214,35 +215,42 @@ class Blocks {
   int boxed_contacts(const Block& block) const {
     return layout_.ceilings || layout_.floors ? block.contacts.size() : 0;
   }
+  // How many of a block's components are of contact forces: the first ones.
+  int contact_forces(const Block& block) const {
+    const Indices& all = block.components;
+    return int(std::lower_bound(all.begin(), all.end(), layout_.components()) - all.begin());
+  }
   std::size_t count_rows(const Block& block) const {
     return block.joints.size() + block.inequalities.size() + boxed_contacts(block) +
-           (layout_.rate_limits ? block.components.size() : 0);
+           (layout_.rate_limits ? contact_forces(block) : 0);
   }
 
   void load_wrench_rows(const Problem& p, BlockData& part) {
     const int m = layout_.components();
     for (int i = 0; i < part.components.size(); ++i)
-      for (int r = 0; r < k_; ++r)
-        part.Wt[i * k_ + r] = p.W[entry_at(rows_in_use_[r], part.components[i], m)];
+      for (int r = 0; r < k_; ++r) {
+        const int c = part.components[i];
+        part.Wt[i * k_ + r] = c < m ? p.W[entry_at(rows_in_use_[r], c, m)] : 0;
+      }
     for (int r = 0; part.slack_row >= 0 && r < k_; ++r)
       part.Wt[r] = rows_in_use_[r] == part.slack_row ? softness_[part.slack_row] : 0;
   }
 
   void load_limits(const Problem& p, BlockData& part) {
     const Block& block = *part.block;
+    const int m = layout_.components();
     double* a = part.a;
     int r = 0;
     for (int joint : block.joints) {
-      for (int i = 0; i < part.q; ++i)
-        a[i] = p.J[entry_at(block.components[i], joint, layout_.joints)];
+      for (int i = 0; i < part.q; ++i) a[i] = p.arm(block.components[i], joint, m, layout_.joints);
       part.lo[r] = p.tau_lo[joint] - p.tau_bias[joint];
       part.hi[r] = p.tau_hi[joint] - p.tau_bias[joint];
       a += part.q;
       ++r;
     }
     for (int row : block.inequalities) {
-      for (int i = 0; i < part.q; ++i)
-        a[i] = p.A[entry_at(row, block.components[i], layout_.components())];
+      for (int i = 0; i < contact_forces(block); ++i)
+        a[i] = p.A[entry_at(row, block.components[i], m)];
       part.lo[r] = -kInfinity;
       part.hi[r] = p.b[row];
       a += part.q;
@@ -251,6 +259,7 @@ class Blocks {
     for (Tip& tip : part.tips) {
       tip.cone.mu = p.mu[tip.contact];
       tip.cone.torsion = p.mu[tip.contact] / p.gamma[tip.contact];
+      if (layout_.cone_weights) tip.weight = p.cone_weight[tip.contact];
       if (boxed_contacts(block) == 0) continue;
       a[tip.first] = 1;
       part.hi[r] = normal_ceiling(layout_, p, tip.contact);

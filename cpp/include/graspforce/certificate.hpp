@@ -2,6 +2,7 @@
 // graspforce.check_certificate, with the same allowance for rounding.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 
 #include "graspforce/cone.hpp"
@@ -43,6 +44,24 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
   for (int r = 0; r < rows; ++r) add(-z_A[r] * p.b[r]);
   for (int i = 0; i < count; ++i)
     if (!(z[i] >= 0)) return false;
+  // An internal force v of the motors is free but for their limits, so that e_v has to vanish; what
+  // rounding leaves of it counts with the most that v can be, by a motor that feels v alone.
+  for (int i = 0; i < layout.internals; ++i) {
+    double e = 0, slop = 0, most = kInfinity;
+    for (int j = 0; j < joints; ++j) {
+      const double arm = p.internal[entry_at(i, j, joints)];
+      e += arm * (z_hi[j] - z_lo[j]);
+      slop += unit * std::abs(arm) * (z_hi[j] + z_lo[j]);
+      bool alone = arm != 0;
+      for (int c = 0; c < m + layout.internals && alone; ++c)
+        alone = c == m + i || p.arm(c, j, m, joints) == 0;
+      const double bias = p.tau_bias[j];
+      if (alone)
+        most = std::min(most, std::max(std::abs(p.tau_hi[j] - bias), std::abs(p.tau_lo[j] - bias)) /
+                                  std::abs(arm));
+    }
+    if (std::abs(e) + slop > 0) add(-(std::abs(e) + slop) * most);
+  }
   if (!(gap > unit * size)) return false;
 
   for (int i = 0, start = 0; i < n; start += static_cast<int>(layout.models[i]), ++i) {

@@ -81,8 +81,8 @@ class DoubleBuffer {
 
   GRASPFORCE_APART void stage_sparse(const double* fields) {
     finite_ = copy_finite(fields, next(), at_.J);
-    stage_jacobian(fields + at_.J, at_.tau_lo - at_.J);
-    finite_ &= copy_finite(fields + at_.tau_lo, next() + at_.tau_lo, at_.size - at_.tau_lo);
+    stage_jacobian(fields + at_.J, at_.internal - at_.J);
+    finite_ &= copy_finite(fields + at_.internal, next() + at_.internal, at_.size - at_.internal);
     fields_J_kept_ = J_kept_;
   }
 

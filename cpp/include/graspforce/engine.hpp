@@ -14,6 +14,7 @@
 #include "graspforce/kernels.hpp"
 #include "graspforce/nearest.hpp"
 #include "graspforce/newton.hpp"
+#include "graspforce/pull.hpp"
 #include "graspforce/rank.hpp"
 
 namespace graspforce {
@@ -21,25 +22,28 @@ namespace graspforce {
 class Engine {
  public:
   explicit Engine(const Layout& layout)
-      : layout_(layout),
-        offsets_(layout),
+      : pull_(layout),
+        layout_(pull_.inner()),
+        offsets_(layout_),
         kernels_(layout_),
         fallback_(kernels_.blocks()),
         rank_(layout_),
         range_(layout_),
         history_(layout_),
-        answer_(layout_) {}
+        answer_(layout_),
+        given_(layout_.internals > 0 ? force_count(layout_) : 0) {}
   Engine(const Engine&) = delete;
   Engine& operator=(const Engine&) = delete;
 
-  const Layout& layout() const { return layout_; }
-  std::size_t packed_size() const { return offsets_.size; }    // numbers of a problem
-  Kernels::Kind kernels() const { return kernels_.chosen(); }  // of the last solve or tick
+  const Layout& layout() const { return pull_.outer(); }
+  std::size_t packed_size() const { return pull_.packed_size(); }  // numbers of a problem
+  Kernels::Kind kernels() const { return kernels_.chosen(); }      // of the last solve or tick
   const Structure& structure() const { return kernels_.structure(); }
 
   // What the last solve or tick has found.
   const Result& result() const { return answer_.result; }
-  const double* forces() const { return answer_.c.data(); }
+  // The forces of the contacts, then the internal ones.
+  const double* forces() const { return forces_; }
   const double* multipliers() const { return answer_.nu.data(); }
   const double* certificate_y() const { return answer_.y.data(); }
   const double* certificate_z() const { return answer_.z.data(); }
@@ -50,8 +54,9 @@ class Engine {
   const Result& solve(const double* packed, const Settings& settings,
                       const double* start = nullptr) {
     const DefaultFloatingPoint environment;
-    const Problem problem(offsets_, packed);
-    if (start == nullptr && layout_.rate_limits) start = problem.c_last;
+    const Problem problem(offsets_, pull_.problem(packed));
+    if (start != nullptr) start = given(start);
+    if (start == nullptr && layout_.rate_limits) start = with_internals(problem.c_last);
     // The next tick's numbers are compared with these, not with its last.
     pending_changes_ = kChangedAll;
     dispatch(problem, settings, kChangedAll,
@@ -64,6 +69,7 @@ class Engine {
                }
                run(barrier, wanted, lambda, settings.tol, budget);
              });
+    forces_ = pull_.outward(answer_.c.data());
     return answer_.result;
   }
 
@@ -72,7 +78,9 @@ class Engine {
   const Result& tick(const double* packed, const Settings& settings,
                      unsigned changed = kChangedAll) {
     const DefaultFloatingPoint environment;
-    const Problem problem(offsets_, packed);
+    const Problem problem(offsets_, pull_.problem(packed));
+    // Of c + pull the bias changes with J.
+    if (layout().pulls && changed & kChangedJacobian) changed |= kChangedRest;
     if (pending_changes_ != 0) changed = pending_changes_;  // by other blocks than the last tick's
     pending_changes_ = 0;
     dispatch(problem, settings, changed,
@@ -83,15 +91,33 @@ class Engine {
     // A tick that ran out of budget goes on from where it stopped.
     if (!minimal_) history_.clear();
     if (minimal_ || unfinished_) history_.remember(problem, answer_.c);
+    forces_ = pull_.outward(answer_.c.data());
     return answer_.result;
   }
 
   // Discards the optima of the ticks before.
   void reset() { history_.clear(); }
 
+  // Forgets the problems before, the blocks and the rank that they had included: the next answer
+  // then depends on the next problem alone, to the last bit.
+  void forget() {
+    history_.clear();
+    kernels_.forget();
+    rank_.forget_deficiency();
+  }
+
  private:
   // Decrement at an extrapolated start above which the last optimum is looked at as well.
   static constexpr double kPromising = 0.5;
+
+  // Forces of the contacts that a caller gives, as the engine counts them. Of internal forces
+  // nothing is known.
+  const double* given(const double* c) { return pull_.inward(with_internals(c)); }
+  const double* with_internals(const double* c) {
+    if (given_.empty()) return c;
+    std::copy_n(c, layout_.components(), given_.begin());
+    return given_.data();
+  }
 
   // Hands the problem to the kernels that fit it, with what is new to them.
   template <class Work>
@@ -223,7 +249,8 @@ class Engine {
            answer_.take(minimise(barrier, lambda, tol, budget, false), barrier, budget, false);
   }
 
-  Layout layout_;
+  Pull pull_;
+  Layout layout_;  // without pulls
   Offsets offsets_;
   Kernels kernels_;
   Fallback fallback_;
@@ -231,6 +258,8 @@ class Engine {
   RangeProjection range_;
   History history_;
   Answer answer_;
+  std::vector<double> given_;  // a start with zeros for the internal forces
+  const double* forces_ = answer_.c.data();
   bool minimal_ = false;     // the forces of the last solve are a minimum of Phi
   bool unfinished_ = false;  // they are strictly inside, and the budget ran out on the way
   unsigned pending_changes_ = kChangedAll;  // where nonzero, the next tick's in place of `changed`

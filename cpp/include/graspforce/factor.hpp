@@ -17,6 +17,7 @@
 
 #include "graspforce/floating_point.hpp"
 #include "graspforce/orthogonal_barrier.hpp"
+#include "graspforce/pull.hpp"
 #include "graspforce/rank.hpp"
 
 namespace graspforce {
@@ -25,27 +26,33 @@ class Factor {
  public:
   // Makes the memory for any problem of the layout; nothing after it allocates.
   explicit Factor(const Layout& layout)
-      : layout_(layout),
-        offsets_(layout),
+      : pull_(layout),
+        layout_(pull_.inner()),
+        offsets_(layout_),
         structure_(layout_),
         blocks_(layout_),
         least_squares_(blocks_),
         barrier_(blocks_, least_squares_),
         rank_(layout_),
-        g_(unknowns(layout)),
+        g_(unknowns(layout_)),
         d_(g_),
-        r_(layout.wrench_rows),
+        r_(layout_.wrench_rows),
         nu_(r_) {}
   Factor(const Factor&) = delete;
   Factor& operator=(const Factor&) = delete;
 
-  const Layout& layout() const { return layout_; }
+  const Layout& layout() const { return pull_.outer(); }
 
-  // Factors a packed problem at forces c (m). False, and nothing to solve with, unless c is
-  // strictly inside every cone and limit. Contacts out of the grasp do not count.
+  // Forgets the blocks of the problems before: the next solutions depend on the next problem alone,
+  // to the last bit.
+  void forget() { structure_.forget(); }
+
+  // Factors a packed problem at forces c, the internal ones behind those of the contacts. False,
+  // and nothing to solve with, unless c is strictly inside every cone and limit. Contacts out of
+  // the grasp do not count.
   bool at(const double* packed, const double* c) {
     const DefaultFloatingPoint environment;
-    const Problem problem(offsets_, packed);
+    const Problem problem(offsets_, pull_.problem(packed));
     if (!structure_.holds(problem)) {
       structure_.find(problem);
       blocks_.allot(structure_);
@@ -56,7 +63,7 @@ class Factor {
     rank_.run(problem);
     if (rank_.deficient()) blocks_.restrict_rows(problem, rank_.rows());
     barrier_.set_weights(1, *problem.alpha);
-    barrier_.set_forces(c);
+    barrier_.set_forces(pull_.inward(c));
     if (!barrier_.evaluate()) return false;
     std::fill(r_.begin(), r_.end(), 0.0);
     least_squares_.factor(r_.data());
@@ -66,7 +73,7 @@ class Factor {
   // Solves in place for `columns` right-hand sides that stand beside each other in the m + k rows
   // of x: (g, r) becomes (d, ν). Contacts out of the grasp get d = 0 whatever their g. Where W has
   // dependent rows each r has to lie in its range; ν is then zero in the rows that depend on the
-  // others, whose r is not looked at.
+  // others, whose r is not looked at. Internal forces follow, with g = 0.
   void solve(double* x, int columns) {
     const DefaultFloatingPoint environment;
     const std::size_t width = columns;
@@ -83,18 +90,19 @@ class Factor {
   }
 
  private:
-  // Calls work(component in the problem, its g, its d), block after block. The slacks of a soft
-  // wrench, whose g stays zero, come after them.
+  // Calls work(component in the problem, its g, its d), block after block. The g of internal forces
+  // and of the slacks of a soft wrench, which come after the blocks, stays zero.
   template <class Work>
   void each_component(Work work) {
     std::size_t next = 0;
     for (const BlockData& part : blocks_.parts())
       for (int component : part.components) {
-        work(component, g_[next], d_[next]);
+        if (component < layout_.components()) work(component, g_[next], d_[next]);
         ++next;
       }
   }
 
+  Pull pull_;
   Layout layout_;
   Offsets offsets_;
   Structure structure_;

@@ -28,7 +28,7 @@ class Fallback {
         softness_(scale_),
         unused_y_(scale_),
         unused_z_(limit_count(blocks.layout())),
-        c_(blocks.layout().components()) {}
+        c_(force_count(blocks.layout())) {}
 
   // Needed after Blocks::allot. Does not allocate.
   void allot() {

@@ -15,7 +15,7 @@ namespace graspforce {
 enum Changed : unsigned {
   kChangedNothing = 0,
   kChangedMap = 1,       // W
-  kChangedJacobian = 2,  // J
+  kChangedJacobian = 2,  // J, internal
   kChangedRest = 4,      // anything else
   kChangedAll = 7,
   // With kChangedJacobian: J has no entry outside the blocks of the last tick, as the caller knows.
@@ -32,12 +32,14 @@ enum class Range { Finite, Positive, NotNegative, Share };
   FIELD(W, Matrix, l.wrench_rows, l.components(), 0, Finite, kChangedMap)                         \
   FIELD(f, Span<double>, l.wrench_rows, 1, 0, Finite, kChangedNothing)                            \
   FIELD(J, Matrix, l.components(), l.joints, 0, Finite, kChangedJacobian)                         \
+  FIELD(internal, Matrix, l.internals, l.joints, 0, Finite, kChangedJacobian)                     \
   FIELD(tau_lo, Span<double>, l.joints, 1, 0, Finite, kChangedRest)                               \
   FIELD(tau_hi, Span<double>, l.joints, 1, 0, Finite, kChangedRest)                               \
   FIELD(tau_bias, Span<double>, l.joints, 1, 0, Finite, kChangedRest)                             \
   FIELD(c_max, Span<double>, l.ceilings ? l.contacts() : 0, 1, 0, Positive, kChangedRest)         \
   FIELD(c_min, Span<double>, l.floors ? l.contacts() : 0, 1, 0, NotNegative, kChangedRest)        \
   FIELD(engagement, Span<double>, l.contacts(), 1, 1, Share, kChangedRest)                        \
+  FIELD(pull, Span<double>, l.pulls ? l.contacts() : 0, 1, 0, NotNegative, kChangedRest)          \
   FIELD(f_soft, Span<double>, l.soft_wrench ? l.wrench_rows : 0, 1, 0, NotNegative, kChangedRest) \
   FIELD(c_last, Span<double>, l.rate_limits ? l.components() : 0, 1, 0, Finite, kChangedRest)     \
   FIELD(dc_max, Span<double>, l.rate_limits ? l.components() : 0, 1, 0, Positive, kChangedRest)   \
@@ -45,6 +47,8 @@ enum class Range { Finite, Positive, NotNegative, Share };
   FIELD(b, Span<double>, l.inequalities, 1, 0, Finite, kChangedRest)                              \
   FIELD(mu, Span<double>, l.contacts(), 1, 1, Positive, kChangedRest)                             \
   FIELD(gamma, Span<double>, l.contacts(), 1, 1, Positive, kChangedRest)                          \
+  FIELD(cone_weight, Span<double>, l.cone_weights ? l.contacts() : 0, 1, 1, Positive,             \
+        kChangedRest)                                                                             \
   FIELD(alpha, Scalar, 1, 1, 5, Positive, kChangedRest)
 
 // How many indices an entry of a field has.

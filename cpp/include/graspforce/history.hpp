@@ -17,9 +17,9 @@ inline double initial_push(const Problem& problem) { return 1 / std::sqrt(4 + 3 
 class History {
  public:
   explicit History(const Layout& layout)
-      : layout_(layout), guess_(layout.components()), ceiling_(layout.contacts()) {
+      : layout_(layout), guess_(force_count(layout)), ceiling_(layout.contacts()) {
     for (Optimum& optimum : last_) {
-      optimum.c.resize(layout.components());
+      optimum.c.resize(force_count(layout));
       optimum.ceiling.resize(layout.contacts());
     }
   }
@@ -60,10 +60,12 @@ class History {
           guess_[c] = 2 * to_last * last.c[c] - to_before * before.c[c];
       }
     }
+    for (int v = layout_.components(); v < force_count(layout_); ++v)
+      guess_[v] = order == 2 ? 2 * last.c[v] - before.c[v] : last.c[v];
     barrier.set_forces(guess_.data());
   }
 
-  // Keeps the forces (m) that the tick has found.
+  // Keeps the forces that the tick has found.
   void remember(const Problem& problem, const std::vector<double>& c) {
     newest_ = 1 - newest_;
     Optimum& optimum = last_[newest_];

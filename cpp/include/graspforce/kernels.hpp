@@ -26,6 +26,9 @@ class Kernels {
   const Structure& structure() const { return structure_; }
   bool empty() const { return structure_.blocks().empty(); }  // no contact in the grasp
 
+  // The next problem's blocks are its own, whatever those of the last.
+  void forget() { structure_.forget(); }
+
   // Finds the blocks anew and chooses, where the last ones do not hold for the problem any more;
   // true when that was so. `changed` tells what differs from the last problem.
   bool rearrange(const Problem& problem, unsigned changed) {
@@ -69,7 +72,7 @@ class Kernels {
       case Kind::Lanes4:
         return load_and_work(lanes4_);
       case Kind::General:
-        barrier_.set_weights(*problem.alpha);
+        barrier_.set_weights(problem);
         return load_and_work(barrier_);
     }
   }

@@ -10,6 +10,7 @@
 #include <cstring>
 
 #include "graspforce/cone.hpp"
+#include "graspforce/lane_ldl.hpp"
 #include "graspforce/lanes.hpp"
 #include "graspforce/layout.hpp"
 #include "graspforce/span.hpp"
@@ -42,7 +43,7 @@ template <int Q, bool plain>
 struct LaneGroup {
   using Row = LaneRow<Q>;
   static constexpr int kLower = Q * (Q + 1) / 2;
-  static constexpr int at(int i, int j) { return i * (i + 1) / 2 + j; }
+  static constexpr int at(int i, int j) { return lane_ldl::at(i, j); }
 
   int members = 0;                // lanes in use
   int contact[kLanes] = {};       // in the problem; lanes left over repeat the last
@@ -145,9 +146,10 @@ struct LaneGroup {
 
   // Gradient and, when wanted, Hessian; returns the least slack. The sums are kept in locals: what
   // stands in memory might overlap with the rows for all the compiler knows. The cone comes last:
-  // its square root and division take longest.
-  template <bool with_hessian>
-  GRASPFORCE_INLINE Lanes evaluate(double cone_weight, double limit_weight, const Layout& layout) {
+  // its square root and division take longest. Weights, here, and multipliers, below, are one
+  // double for all lanes, or of type Lanes where each lane is a problem of its own.
+  template <bool with_hessian, class Weight>
+  GRASPFORCE_INLINE Lanes evaluate(Weight cone_weight, Weight limit_weight, const Layout& layout) {
     Lanes height, radius;
     cone(c, height, radius);
     Lanes worst = height - radius, sum_g[Q] = {}, sum_H[kLower] = {};
@@ -206,8 +208,8 @@ struct LaneGroup {
 
   // The rate limits' share of gradient and Hessian; returns the least slack, theirs included.
   // Apart, because few problems have any.
-  template <bool with_hessian>
-  GRASPFORCE_APART Lanes add_rates(double limit_weight, Lanes worst) {
+  template <bool with_hessian, class Weight>
+  GRASPFORCE_APART Lanes add_rates(Weight limit_weight, Lanes worst) {
     for (int i = 0; i < Q; ++i) {
       const Lanes above = rate_hi[i] - c[i], below = c[i] - rate_lo[i];
       const Lanes up = 1 / above, down = 1 / below;
@@ -218,53 +220,10 @@ struct LaneGroup {
     return worst;
   }
 
-  // H = L D Lᵀ in place, two columns at a time, so that their divisions do not wait for each other:
-  // with pivot p and q below it, t = p v − q u is p times what eliminating column u leaves of v,
-  // and the second pivot is det / p. Rounding is that of one column after the other. A pivot lost
-  // to rounding is replaced by a tiny positive one.
-  GRASPFORCE_INLINE void factor() {
-    Lanes tiny[Q];
-    GRASPFORCE_UNROLL
-    for (int i = 0; i < Q; ++i) tiny[i] = 1e-15 * H[at(i, i)];
-    GRASPFORCE_UNROLL
-    for (int j = 0; j < Q; j += 2) {
-      const Lanes p = max(H[at(j, j)], tiny[j]);
-      inverse[j] = 1 / p;
-      if (j + 1 == Q) break;
-      const Lanes q = H[at(j + 1, j)], det = p * H[at(j + 1, j + 1)] - q * q;
-      const Lanes inverse_det = 1 / max(det, tiny[j + 1] * p);
-      inverse[j + 1] = p * inverse_det;
-      H[at(j + 1, j)] = q * inverse[j];
-      Lanes u[Q], t[Q];
-      GRASPFORCE_UNROLL
-      for (int i = j + 2; i < Q; ++i) {
-        u[i] = H[at(i, j)];
-        t[i] = p * H[at(i, j + 1)] - q * u[i];
-        H[at(i, j)] = inverse[j] * u[i];
-        H[at(i, j + 1)] = inverse_det * t[i];
-        GRASPFORCE_UNROLL
-        for (int k = j + 2; k <= i; ++k)
-          H[at(i, k)] =
-              (H[at(i, k)] - H[at(i, j)] * u[k]) - inverse_det * (inverse[j] * t[i] * t[k]);
-      }
-    }
-  }
-
-  // x ← L⁻¹ x, and x ← L⁻ᵀ x.
-  void forward(Lanes* x) const {
-    GRASPFORCE_UNROLL
-    for (int i = 1; i < Q; ++i) {
-      GRASPFORCE_UNROLL
-      for (int k = 0; k < i; ++k) x[i] -= H[at(i, k)] * x[k];
-    }
-  }
-  void back(Lanes* x) const {
-    GRASPFORCE_UNROLL
-    for (int i = Q - 2; i >= 0; --i) {
-      GRASPFORCE_UNROLL
-      for (int k = i + 1; k < Q; ++k) x[i] -= H[at(k, i)] * x[k];
-    }
-  }
+  // H = L D Lᵀ in place; x ← L⁻¹ x, x ← L⁻ᵀ x, x ← H⁻¹ x. See lane_ldl.hpp.
+  GRASPFORCE_INLINE void factor() { lane_ldl::factor<Q>(H, inverse); }
+  void forward(Lanes* x) const { lane_ldl::forward<Q>(H, x); }
+  void back(Lanes* x) const { lane_ldl::back<Q>(H, x); }
   void solve(Lanes* x) const {
     forward(x);
     GRASPFORCE_UNROLL
@@ -280,7 +239,8 @@ struct LaneGroup {
   }
 
   // g ← g − Wᵀ ν.
-  void subtract_wrench(const double* nu) {
+  template <class Multiplier>
+  void subtract_wrench(const Multiplier* nu) {
     for (int i = 0; i < Q; ++i)
       for (int r = 0; r < kWrench; ++r) g[i] -= W[r][i] * nu[r];
   }
@@ -325,7 +285,8 @@ struct LaneGroup {
   }
 
   // x = L⁻¹ (Wᵀ ν − g), masked; returns its squared length in D⁻¹.
-  GRASPFORCE_INLINE Lanes residual(const double* nu, Lanes* x) const {
+  template <class Multiplier>
+  GRASPFORCE_INLINE Lanes residual(const Multiplier* nu, Lanes* x) const {
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) {
       Lanes odd = W[1][i] * nu[1];  // two sums, each half as long to wait for
@@ -345,7 +306,8 @@ struct LaneGroup {
   }
 
   // The step d; returns its decrement squared.
-  GRASPFORCE_INLINE Lanes step(const double* nu) {
+  template <class Multiplier>
+  GRASPFORCE_INLINE Lanes step(const Multiplier* nu) {
     const Lanes squared = residual(nu, d);
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) d[i] *= inverse[i];

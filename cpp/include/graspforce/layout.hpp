@@ -47,11 +47,14 @@ struct Layout {
   bool floors = false;        // c_min given
   bool rate_limits = false;   // c_last and dc_max given
   bool soft_wrench = false;   // f_soft given
+  bool pulls = false;         // pull given
+  int internals = 0;          // rows of internal
+  bool cone_weights = false;  // cone_weight given
 
   bool operator==(const Layout& other) const {
     const auto sizes = [](const Layout& l) {
       return std::tie(l.wrench_rows, l.models, l.joints, l.inequalities, l.ceilings, l.floors,
-                      l.rate_limits, l.soft_wrench);
+                      l.rate_limits, l.soft_wrench, l.pulls, l.internals, l.cone_weights);
     };
     return sizes(*this) == sizes(other);
   }
@@ -84,19 +87,22 @@ inline std::size_t most_rows(const Layout& layout) {
          (layout.rate_limits ? layout.components() : 0);
 }
 
+// What an answer holds: the contact forces, then the internal ones of the motors.
+inline int force_count(const Layout& layout) { return layout.components() + layout.internals; }
+
 // Most unknowns of the general kernels: the forces, and the slack of each row that is soft or is
 // made so to find the nearest wrench.
 inline std::size_t unknowns(const Layout& layout) {
-  return layout.components() + layout.wrench_rows;
+  return force_count(layout) + layout.wrench_rows;
 }
 inline std::size_t most_blocks(const Layout& layout) {
-  return layout.contacts() + layout.wrench_rows;
+  return layout.contacts() + layout.internals + layout.wrench_rows;
 }
 
 // Components of the largest block that the contacts may ever form: joints and inequalities can come
 // to tie all of them into one; without any, each stays by itself.
 inline std::size_t largest_block(const Layout& layout) {
-  return layout.joints + layout.inequalities > 0 ? layout.components() : 4;
+  return layout.joints + layout.inequalities > 0 ? force_count(layout) : 4;
 }
 
 // Where the fields start in the buffer, in doubles, and how large the whole is.
@@ -129,6 +135,7 @@ void each_field(const Layout& l, Visit visit) {
 
 // Read access to a packed problem: pointers to its fields, row-major.
 struct Problem : Fields<const double*> {
+  Problem() = default;
   Problem(const Layout& layout, const double* packed) : Problem(Offsets(layout), packed) {}
   Problem(const Offsets& at, const double* packed) {
 #define GRASPFORCE_POINT(name, ...) name = packed + at.name;
@@ -137,19 +144,35 @@ struct Problem : Fields<const double*> {
   }
 
   bool in_grasp(int contact) const { return engagement[contact] > kRemovalThreshold; }
+  // What a joint's torque has of one of the m contact forces, or of the internal force behind them.
+  double arm(int force, int joint, int m, int joints) const {
+    return force < m ? J[entry_at(force, joint, joints)]
+                     : internal[entry_at(force - m, joint, joints)];
+  }
 };
 
 // Between what a contact's normal force has to stay; infinite where there is no such limit. A floor
-// at the ceiling leaves a band about both.
+// at the ceiling leaves a band about both, by what the cone bears, the contact's pull included.
 inline double normal_ceiling(const Layout& layout, const Problem& p, int contact) {
   if (!layout.ceilings) return std::numeric_limits<double>::infinity();
-  const double least = layout.floors ? (1 + kSqueeze) * p.c_min[contact] : 0;
-  return p.engagement[contact] * std::max(p.c_max[contact], least);
+  const double pull = layout.pulls ? p.pull[contact] : 0;
+  const double least = layout.floors ? (1 + kSqueeze) * (p.c_min[contact] + pull) : 0;
+  return p.engagement[contact] * (std::max(p.c_max[contact] + pull, least) - pull);
 }
 inline double normal_floor(const Layout& layout, const Problem& p, int contact) {
   if (!layout.floors) return -std::numeric_limits<double>::infinity();
-  const double most = layout.ceilings ? (1 - kSqueeze) * p.c_max[contact] : p.c_min[contact];
-  return p.engagement[contact] * std::min(p.c_min[contact], most);
+  const double pull = layout.pulls ? p.pull[contact] : 0, least = p.c_min[contact] + pull;
+  const double most = layout.ceilings ? (1 - kSqueeze) * (p.c_max[contact] + pull) : least;
+  return p.engagement[contact] * (std::min(least, most) - pull);
+}
+
+// What Phi is divided by, so that each of its terms is standard self-concordant: the least of their
+// weights, and 1.
+inline double barrier_unit(const Layout& layout, const Problem& p) {
+  double unit = *p.alpha < 1 ? *p.alpha : 1;
+  for (int i = 0; i < layout.contacts() && layout.cone_weights; ++i)
+    if (p.in_grasp(i) && p.cone_weight[i] < unit) unit = p.cone_weight[i];
+  return unit;
 }
 
 }  // namespace graspforce

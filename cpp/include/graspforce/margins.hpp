@@ -20,7 +20,8 @@ struct Margins {
   bool inside() const { return friction > 0 && torque > 0 && limit > 0; }
 };
 
-// Of forces c (m). Limits that touch only contacts out of the grasp have left with them.
+// Of contact forces c, and the internal ones behind them. Limits that touch only contacts out of
+// the grasp have left with them.
 inline Margins find_margins(const Layout& layout, const Problem& p, const double* c) {
   const int m = layout.components(), joints = layout.joints;
   Margins margins;
@@ -40,8 +41,12 @@ inline Margins find_margins(const Layout& layout, const Problem& p, const double
   };
   bool counts;
   for (int j = 0; j < joints; ++j) {
-    const double tau =
-        along([&](int i) { return p.J[entry_at(i, j, joints)]; }, counts) + p.tau_bias[j];
+    double tau = along([&](int i) { return p.J[entry_at(i, j, joints)]; }, counts) + p.tau_bias[j];
+    for (int i = m; i < force_count(layout); ++i) {
+      const double arm = p.arm(i, j, m, joints);
+      tau += arm * c[i];
+      counts |= arm != 0;
+    }
     if (counts) margins.torque = std::min({margins.torque, p.tau_hi[j] - tau, tau - p.tau_lo[j]});
   }
   for (int r = 0; r < layout.inequalities; ++r) {
@@ -51,7 +56,8 @@ inline Margins find_margins(const Layout& layout, const Problem& p, const double
   for (int i = 0, start = 0; i < layout.contacts(); start += static_cast<int>(layout.models[i++])) {
     if (!p.in_grasp(i)) continue;
     const Cone cone{static_cast<int>(layout.models[i]), p.mu[i], p.mu[i] / p.gamma[i]};
-    margins.friction = std::min(margins.friction, cone.margin(c + start));
+    const double preload = layout.pulls ? cone.mu * p.engagement[i] * p.pull[i] : 0;
+    margins.friction = std::min(margins.friction, cone.margin(c + start) + preload);
     margins.limit = std::min({margins.limit, normal_ceiling(layout, p, i) - c[start],
                               c[start] - normal_floor(layout, p, i)});
     for (int j = start; layout.rate_limits && j < start + static_cast<int>(layout.models[i]); ++j)

@@ -41,7 +41,7 @@ class OrthogonalBarrier : public BlockPoint {
         const int dim = tip.cone.dim;
         double s[4] = {}, z[4], scaled[4], V[16];
         tip.cone.lift(c(b) + tip.first, s);
-        lorentz::center(s, dim, cone_weight_, z);
+        lorentz::center(s, dim, tip.weight * cone_weight_, z);
         lorentz::scale(s, z, dim, V, scaled);
         for (int i = 0; i < dim; ++i) {
           double* row = least_squares_.row(b, tip.first + i);
@@ -96,7 +96,8 @@ class OrthogonalBarrier : public BlockPoint {
     for (int b = 0; b < count(); g += part(b++).q) {
       if (part(b).slack_row >= 0) g[0] = cone_weight_ * c(b)[0];
       for (const Tip& tip : part(b).tips)
-        if (!tip.cone.add_derivatives(c(b) + tip.first, cone_weight_, g + tip.first, nullptr, 0))
+        if (!tip.cone.add_derivatives(c(b) + tip.first, tip.weight * cone_weight_, g + tip.first,
+                                      nullptr, 0))
           return false;
       for (int r = 0; r < part(b).rows; ++r) {
         const double* a = part(b).a + r * part(b).q;

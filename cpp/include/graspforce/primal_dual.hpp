@@ -16,6 +16,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "graspforce/block_point.hpp"
@@ -95,15 +96,17 @@ class PrimalDual : public BlockPoint {
       }
       keep_best();
 
-      const double bound = dual_bound();
-      if (sigma_ < 0 && balanced() && (sigma_ < 0.5 * bound || sigma_ < -kInteriorDepth)) {
+      const double bound = dual_bound(), gap = complementarity() * degree_;
+      // Where the bound is lost in the rounding of large multipliers the gap still tells.
+      const bool deep =
+          sigma_ < 0.5 * bound || sigma_ < -kInteriorDepth || (sigma_ < -kShallow && gap < -sigma_);
+      if (sigma_ < 0 && deep && balanced()) {
         result.end = PhaseOneResult::End::Inside;
         result.violation = sigma_;
         return result;
       }
       if (!proved && bound > 0) proved = prove(problem, y, z);
       promising = !proved && bound > 0 && !promising;
-      const double gap = complementarity() * degree_;
       if (gap < kClosest || (proved && std::max(gap, sigma_ - bound) < kLeast * sigma_)) {
         result.end = proved ? PhaseOneResult::End::Infeasible : PhaseOneResult::End::Closest;
         break;
@@ -128,18 +131,19 @@ class PrimalDual : public BlockPoint {
     sigma_ = dsigma_ = 0;
     relaxed_ = false;
     slack_weight_ = 1;
+    own_cone_weight_ = cone_weight;
+    own_limit_weight_ = limit_weight;
     settle();
-    const double heavier = std::max(cone_weight, limit_weight);
-    double scale = std::max(slack_cost(), 1.0) / heavier;
-    cone_weight_ = limit_weight_ = scale * heavier;
+    auto [least, most] = own_weights();
+    level_ = std::max(slack_cost(), 1.0);
+    for (double* weight : {&own_cone_weight_, &own_limit_weight_, &least}) *weight *= level_ / most;
     update_slacks();
     aim_at_center(1);
-    bool feasible = false;
+    double unbalanced = 1;  // share of what y and z lacked at first of being dual feasible
     for (;;) {
       const double gap = degree_ * complementarity();
-      const bool there = cone_weight_ <= kThere * scale * cone_weight &&
-                         limit_weight_ <= kThere * scale * limit_weight;
-      if (there && feasible && near(gap, kNearest)) return true;
+      const bool in_ratio = level_ <= least, known = in_ratio && unbalanced < kBalance;
+      if (known && near(gap, kNearest)) return true;
       if (!budget.take()) return false;
       best_ = c_;
       factor();
@@ -147,49 +151,49 @@ class PrimalDual : public BlockPoint {
       const double step = std::min(1.0, 0.99 * step_limit());
       if (!(step > kLeastStep) || !advance(step)) {
         c_ = best_;
-        return there && feasible && near(gap, kNearly);
+        return known && near(gap, kNearly);
       }
-      feasible = feasible || step == 1;
+      unbalanced *= 1 - step;
       const double descent = step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
-      if (there) scale *= descent;
-      cone_weight_ = std::max(scale * cone_weight, descent * cone_weight_);
-      limit_weight_ = std::max(scale * limit_weight, descent * limit_weight_);
+      for (double* weight : {&own_cone_weight_, &own_limit_weight_, &least})
+        if (in_ratio) *weight *= descent;
+      level_ *= descent;
     }
   }
 
   // Leads from the point that find_inside reached to the minimum of Phi. It sets out with all
-  // weights equal, as the point was found, and lets the lighter ones down to their own as fast as
-  // the steps allow: a target far off centre would only be crept to.
+  // weights equal, as the point was found, and lets their common level down, each to its own, as
+  // fast as the steps allow: a target far off centre would only be crept to.
   void follow(double cone_weight, double limit_weight, Budget& budget) {
     sigma_ = dsigma_ = 0;
     relaxed_ = false;
-    slack_weight_ = cone_weight;
+    slack_weight_ = own_cone_weight_ = cone_weight;
+    own_limit_weight_ = limit_weight;
     settle();
-    cone_weight_ = limit_weight_ = std::max({cone_weight, limit_weight, slack_cost()});
+    const auto [least, most] = own_weights();
+    level_ = std::max(most, slack_cost());
     update_slacks();
     aim_at_center(1);
     bool feasible = false;  // y and z balance: true for good after a whole step
     for (;;) {
-      const bool there = cone_weight_ == cone_weight && limit_weight_ == limit_weight;
-      if (there && feasible && distance_to_target() < kClose) return;
+      if (level_ <= least && feasible && distance_to_target() < kClose) return;
       if (!budget.take()) return;
       factor();
       direction(1);
       const double step = std::min(1.0, 0.99 * step_limit());
       if (!(step > kLeastStep) || !advance(step)) return;
       feasible = feasible || step == 1;
-      const double descent = step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
-      cone_weight_ = std::max(cone_weight, descent * cone_weight_);
-      limit_weight_ = std::max(limit_weight, descent * limit_weight_);
+      level_ *= step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
     }
   }
 
  private:
   static constexpr double kLeastCentering = 1e-3;
   static constexpr double kInteriorDepth = 0.1;  // a relative slack with which Newton starts well
+  static constexpr double kShallow = 1e-11;      // one that is more than rounding
   static constexpr double kLeast = 1e-7;         // relative accuracy of the least violation
   static constexpr double kClosest = 1e-13;
-  static constexpr double kThere = 1 + 1e-9;  // of a weight to its target, but for rounding
+  static constexpr double kBalance = 1e-12;  // of multipliers dual feasible but for rounding
   static constexpr double kLeastStep = 1e-6;
   static constexpr double kDescent = 0.1;  // of a weight on its way down, after a good step
   static constexpr double kClose = 1e-2;   // squared distance to the target for Newton to take over
@@ -206,6 +210,20 @@ class PrimalDual : public BlockPoint {
     Lifted* cones;  // tips
   };
 
+  double limit_weight() const { return std::max(level_, own_limit_weight_); }
+  double weight(const Tip& tip) const { return std::max(level_, own_cone_weight_ * tip.weight); }
+
+  // The least and the greatest weight of limits and cones.
+  std::pair<double, double> own_weights() {
+    double least = own_limit_weight_, most = own_limit_weight_;
+    for_each([](int, int, Side&, double) {},
+             [&](int, const Tip& tip, Lifted&) {
+               least = std::min(least, own_cone_weight_ * tip.weight);
+               most = std::max(most, own_cone_weight_ * tip.weight);
+             });
+    return {least, most};
+  }
+
   // Every slack, multiplier and cone of the problem in turn.
   template <class Row, class Tips>
   void for_each(Row row, Tips tips) {
@@ -221,7 +239,8 @@ class PrimalDual : public BlockPoint {
   // c = W⁺ f (Eq. 17), σ large enough to admit it, multipliers such that Σ scale·z = 1.
   void relax() {
     relaxed_ = true;
-    cone_weight_ = limit_weight_ = slack_weight_ = 1;
+    level_ = slack_weight_ = 1;
+    own_cone_weight_ = own_limit_weight_ = 0;
     std::fill(c_.begin(), c_.end(), 0.0);
     least_violation_ = kInfinity;
     restore_wrench();
@@ -261,9 +280,9 @@ class PrimalDual : public BlockPoint {
 
   // The multipliers whose products with the slacks are τ times the weights.
   void aim_at_center(double tau) {
-    for_each([&](int, int, Side& side, double) { side.z = tau * limit_weight_ / side.s; },
+    for_each([&](int, int, Side& side, double) { side.z = tau * limit_weight() / side.s; },
              [&](int, const Tip& tip, Lifted& cone) {
-               lorentz::center(cone.s, tip.cone.dim, tau * cone_weight_, cone.z);
+               lorentz::center(cone.s, tip.cone.dim, tau * weight(tip), cone.z);
              });
   }
 
@@ -296,7 +315,7 @@ class PrimalDual : public BlockPoint {
     double sum = 0;
     for_each(
         [&](int, int, Side& side, double) {
-          const double product = side.s * side.z, off = limit_weight_ - product;
+          const double product = side.s * side.z, off = limit_weight() - product;
           sum += off * off / product;
         },
         [&](int, const Tip& tip, Lifted& cone) {
@@ -304,7 +323,7 @@ class PrimalDual : public BlockPoint {
           const int dim = tip.cone.dim;
           const double det =
               std::sqrt(lorentz::determinant(cone.s, dim) * lorentz::determinant(cone.z, dim));
-          const double product = dot(cone.s, cone.z, dim), w = cone_weight_;
+          const double product = dot(cone.s, cone.z, dim), w = weight(tip);
           sum += product + 4 * w * w * product / (det * det) - 4 * w;
         });
     return sum;
@@ -355,7 +374,7 @@ class PrimalDual : public BlockPoint {
         Lifted& cone = work_[b].cones[i];
         const int dim = tip.cone.dim;
         lorentz::scale(cone.s, cone.z, dim, cone.V, cone.scaled);
-        lorentz::center(cone.scaled, dim, cone_weight_, cone.gamma);
+        lorentz::center(cone.scaled, dim, weight(tip), cone.gamma);
         for (int r = 0; r < dim; ++r) {
           double* row = least_squares_.row(b, tip.first + r);
           for (int j = 0; j < dim; ++j)
@@ -373,8 +392,8 @@ class PrimalDual : public BlockPoint {
         const double size = std::hypot(up, down);
         if (!(size > 0)) continue;
         const double cosine = up / size, sine = down / size, scale = part(b).scale[r];
-        const double up_gamma = above ? limit_weight_ / std::sqrt(hi.s * hi.z) : 0;
-        const double down_gamma = below ? limit_weight_ / std::sqrt(lo.s * lo.z) : 0;
+        const double up_gamma = above ? limit_weight() / std::sqrt(hi.s * hi.z) : 0;
+        const double down_gamma = below ? limit_weight() / std::sqrt(lo.s * lo.z) : 0;
         double* row = least_squares_.row(b, q + r);
         add_scaled(size, part(b).a + r * q, q, row);
         row[q] = cosine * up_gamma - sine * down_gamma;
@@ -395,7 +414,7 @@ class PrimalDual : public BlockPoint {
         [&](int b, int r, Side& side, double sign) {
           const double change = dot(part(b).a + r * part(b).q, d(b), part(b).q);
           side.ds = dsigma_ * part(b).scale[r] - sign * change;
-          side.dz = (tau * limit_weight_ - side.z * side.ds) / side.s - side.z;
+          side.dz = (tau * limit_weight() - side.z * side.ds) / side.s - side.z;
         },
         [&](int b, const Tip& tip, Lifted& cone) {
           const int dim = tip.cone.dim;
@@ -490,6 +509,11 @@ class PrimalDual : public BlockPoint {
           outside = true;
         }
       }
+      for (int i = 0; i < part(b).components.size(); ++i)
+        if (part(b).components[i] >= blocks_.layout().components() && e[i] != 0) {
+          missing[i] = -e[i];  // an internal force is free
+          outside = true;
+        }
       if (!outside) continue;
       double size = 0;
       for (int r = 0; r < part(b).rows; ++r) {
@@ -523,7 +547,10 @@ class PrimalDual : public BlockPoint {
   std::vector<double> best_;  // the balanced point of least violation so far
   double least_violation_ = kInfinity;
   bool relaxed_ = true;
-  double cone_weight_ = 1, limit_weight_ = 1, slack_weight_ = 1;
+  // Of limits, and of cones of weight 1. Until the common level has come down to a term's own
+  // weight, that is the level; Phase 1, whose own weights are zero, stays at it.
+  double level_ = 1, own_limit_weight_ = 0, own_cone_weight_ = 0;
+  double slack_weight_ = 1;
   double sigma_ = 0, dsigma_ = 0, degree_ = 0;
 };
 

@@ -46,6 +46,7 @@ class RankExamination {
   bool known() const { return known_; }  // there was a run since `forget`
   void forget() { known_ = false; }
   void reach() { reachable_ = true; }  // f is replaced by one that fits all rows
+  void forget_deficiency() { deficient_ = false; }
 
   // Gram-Schmidt with pivoting and reorthogonalisation over the rows of W; contacts out of the
   // grasp do not count.

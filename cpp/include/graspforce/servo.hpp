@@ -44,6 +44,10 @@ class Servo : public ProblemData {
   // ---- what the last tick found ----------------------------------------------------------------
 
   Span<const double> c() const { return {engine_.forces(), layout().components()}; }
+  // Of the motors, in the rows of `internal`.
+  Span<const double> internal_forces() const {
+    return {engine_.forces() + layout().components(), layout().internals};
+  }
   Span<const double> nu() const { return {engine_.multipliers(), layout().wrench_rows}; }
 
   // Verdict, steps, decrement, where the steps set out from, violation, time; of the last tick that
@@ -58,12 +62,13 @@ class Servo : public ProblemData {
   // new memory; this is the one thing that lets a tick allocate.
   Snapshot snapshot() const { return numbers_.snapshot(); }
 
-  // The torque that a joint's motor has to give: J.T c + tau_bias [N·m].
+  // The torque that a joint's motor has to give: J.T c + tau_bias, and what the internal forces
+  // make of it [N·m].
   double torque(int joint) const {
     const Problem p(offsets(), numbers_.now());
     double tau = p.tau_bias[joint];
-    for (int i = 0; i < layout().components(); ++i)
-      tau += p.J[entry_at(i, joint, layout().joints)] * engine_.forces()[i];
+    const int m = layout().components(), all = force_count(layout());
+    for (int i = 0; i < all; ++i) tau += p.arm(i, joint, m, layout().joints) * engine_.forces()[i];
     return tau;
   }
 

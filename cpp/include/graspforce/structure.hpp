@@ -2,7 +2,8 @@
 //
 // Two contacts share a block when one joint feels both (a palm and a fingertip on one finger) or
 // when one inequality binds both. Fingertip grasps have a block a contact; in the worst case all
-// is one block, the dense method of the paper.
+// is one block, the dense method of the paper. An internal force of the motors is in the block of
+// those that feel it; contacts and internal forces are the nodes that limits tie together.
 #pragma once
 
 #include <algorithm>
@@ -101,7 +102,7 @@ class Pattern {
 
 struct Block {
   Indices contacts;
-  Indices components;    // of c, contact by contact
+  Indices components;    // of c, contact by contact; then m + i for internal force i
   Indices joints;        // columns of J that touch the block
   Indices inequalities;  // rows of A that touch the block
 };
@@ -112,25 +113,31 @@ struct Block {
 class Structure {
  public:
   explicit Structure(const Layout& layout) : layout_(layout) {
-    const int n = layout.contacts(), m = layout.components();
+    const int n = layout.contacts(), m = layout.components(), all = force_count(layout);
+    const int nodes = n + layout.internals;
     start_.reserve(n + 1);
     start_.push_back(0);
     for (Model model : layout.models) start_.push_back(start_.back() + static_cast<int>(model));
-    contact_of_.reserve(m);
-    for (int i = 0; i < n; ++i) contact_of_.insert(contact_of_.end(), dim(i), i);
-    parent_.resize(n);
-    block_of_contact_.assign(n, kNone);
+    node_of_.reserve(all);
+    for (int i = 0; i < n; ++i) node_of_.insert(node_of_.end(), dim(i), i);
+    for (int i = n; i < nodes; ++i) node_of_.push_back(i);
+    parent_.resize(nodes);
+    block_of_node_.assign(nodes, kNone);
     block_of_joint_.assign(layout.joints, kNone);
     block_of_inequality_.assign(layout.inequalities, kNone);
-    blocks_.reserve(n);
-    ends_.reserve(n);
+    blocks_.reserve(nodes);
+    ends_.reserve(nodes);
     contacts_.resize(n);
-    components_.resize(m);
+    components_.resize(all);
     joints_.resize(layout.joints);
     inequalities_.resize(layout.inequalities);
     J_.reserve(static_cast<std::size_t>(m) * layout.joints);
+    internal_.reserve(static_cast<std::size_t>(layout.internals) * layout.joints);
     A_.reserve(static_cast<std::size_t>(m) * layout.inequalities);
   }
+
+  // Holds for no problem any more.
+  void forget() { blocks_.clear(); }
 
   int start(int contact) const { return start_[contact]; }
   int dim(int contact) const { return start_[contact + 1] - start_[contact]; }
@@ -145,59 +152,62 @@ class Structure {
     if (blocks_.empty()) return false;
     if (changed & kChangedRest) {
       for (int i = 0; i < layout_.contacts(); ++i)
-        if (p.in_grasp(i) != (block_of_contact_[i] != kNone)) return false;
+        if (p.in_grasp(i) != (block_of_node_[i] != kNone)) return false;
       if (!A_.holds(p.A)) return false;
     }
-    if (changed & kChangedJacobian && !(changed & kJacobianKept) && !J_.holds(p.J)) return false;
+    if (changed & kChangedJacobian) {
+      if (!(changed & kJacobianKept) && !J_.holds(p.J)) return false;
+      if (layout_.internals > 0 && !internal_.holds(p.internal)) return false;
+    }
     return all_in_grasp_ || !(changed & (kChangedJacobian | kChangedRest)) || same_limits_count(p);
   }
 
   // Finds the blocks. Does not allocate.
   void find(const Problem& p) {
-    const int n = layout_.contacts(), m = layout_.components();
+    const int n = layout_.contacts(), m = layout_.components(), nodes = n + layout_.internals;
     ++generation_;
-    auto takes_part = [&](int contact) { return p.in_grasp(contact); };
+    auto takes_part = [&](int node) { return node >= n || p.in_grasp(node); };
     std::iota(parent_.begin(), parent_.end(), 0);
     for (int j = 0; j < layout_.joints; ++j)
       block_of_joint_[j] =
-          unite(takes_part, [&](int c) { return p.J[entry_at(c, j, layout_.joints)] != 0; });
+          unite(takes_part, [&](int force) { return p.arm(force, j, m, layout_.joints) != 0; });
     for (int r = 0; r < layout_.inequalities; ++r)
       block_of_inequality_[r] =
-          unite(takes_part, [&](int c) { return p.A[entry_at(r, c, m)] != 0; });
+          unite(takes_part, [&](int c) { return c < m && p.A[entry_at(r, c, m)] != 0; });
 
     blocks_.clear();
     all_in_grasp_ = true;
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < nodes; ++i) {
       all_in_grasp_ &= takes_part(i);
-      block_of_contact_[i] = kNone;
+      block_of_node_[i] = kNone;
       if (!takes_part(i)) continue;
       const int root = find_root(i);
       if (root == i) blocks_.emplace_back();
-      block_of_contact_[i] =
-          root == i ? static_cast<int>(blocks_.size()) - 1 : block_of_contact_[root];
+      block_of_node_[i] = root == i ? static_cast<int>(blocks_.size()) - 1 : block_of_node_[root];
     }
     // From the first contact that a limit touches to its block.
     auto settle = [&](std::vector<int>& block_of) {
       for (int& first : block_of) {
         first = blocks_.empty() || first == kNone ? kNone
                 : first == kNoContact             ? 0
-                                                  : block_of_contact_[first];
+                                                  : block_of_node_[first];
       }
     };
     settle(block_of_joint_);
     settle(block_of_inequality_);
-    collect(contacts_, &Block::contacts, [&](int i) { return block_of_contact_[i]; });
-    collect(components_, &Block::components,
-            [&](int c) { return block_of_contact_[contact_of_[c]]; });
+    collect(contacts_, &Block::contacts, [&](int i) { return block_of_node_[i]; });
+    collect(components_, &Block::components, [&](int c) { return block_of_node_[node_of_[c]]; });
     collect(joints_, &Block::joints, [&](int j) { return block_of_joint_[j]; });
     collect(inequalities_, &Block::inequalities, [&](int r) { return block_of_inequality_[r]; });
 
     auto outside = [](int block, int other) {
       return block != kNone && other != kNone && other != block;
     };
-    auto block_of = [&](int component) { return block_of_contact_[contact_of_[component]]; };
+    auto block_of = [&](int component) { return block_of_node_[node_of_[component]]; };
     J_.find(m, layout_.joints,
             [&](int c, int j) { return outside(block_of(c), block_of_joint_[j]); });
+    internal_.find(layout_.internals, layout_.joints,
+                   [&](int i, int j) { return outside(block_of(m + i), block_of_joint_[j]); });
     A_.find(layout_.inequalities, m,
             [&](int r, int c) { return outside(block_of(c), block_of_inequality_[r]); });
   }
@@ -208,42 +218,43 @@ class Structure {
 
   // With a contact out of the grasp: whether the limits that touch no other are still the same.
   bool same_limits_count(const Problem& p) const {
-    const int m = layout_.components();
+    const int n = layout_.contacts(), m = layout_.components(), all = force_count(layout_);
     auto same = [&](int block, auto entry) {
       bool inside = false, outside = false;
-      for (int c = 0; c < m; ++c)
-        if (entry(c) != 0) (p.in_grasp(contact_of_[c]) ? inside : outside) = true;
+      for (int c = 0; c < all; ++c)
+        if (entry(c) != 0) (node_of_[c] >= n || p.in_grasp(node_of_[c]) ? inside : outside) = true;
       return (block != kNone) == (inside || !outside);
     };
     for (int j = 0; j < layout_.joints; ++j)
-      if (!same(block_of_joint_[j], [&](int c) { return p.J[entry_at(c, j, layout_.joints)]; }))
+      if (!same(block_of_joint_[j], [&](int c) { return p.arm(c, j, m, layout_.joints); }))
         return false;
     for (int r = 0; r < layout_.inequalities; ++r)
-      if (!same(block_of_inequality_[r], [&](int c) { return p.A[entry_at(r, c, m)]; }))
+      if (!same(block_of_inequality_[r], [&](int c) { return c < m ? p.A[entry_at(r, c, m)] : 0; }))
         return false;
     return true;
   }
 
-  // Joins all contacts in the grasp that a limit touches; returns the first of them.
+  // Joins all contacts in the grasp, and internal forces, that a limit touches; returns the first
+  // of them.
   template <class TakesPart, class Touches>
   int unite(TakesPart takes_part, Touches touches) {
     int first = kNone;
     bool any = false;
-    for (int c = 0; c < layout_.components(); ++c) {
+    for (int c = 0; c < static_cast<int>(components_.size()); ++c) {
       if (!touches(c)) continue;
       any = true;
-      const int contact = contact_of_[c];
-      if (!takes_part(contact)) continue;
-      if (first == kNone) first = contact;
-      const int a = find_root(first), b = find_root(contact);
+      const int node = node_of_[c];
+      if (!takes_part(node)) continue;
+      if (first == kNone) first = node;
+      const int a = find_root(first), b = find_root(node);
       parent_[a < b ? b : a] = a < b ? a : b;  // the root is the smallest: it is met first
     }
     return any ? first : kNoContact;
   }
 
-  int find_root(int contact) const {
-    while (parent_[contact] != contact) contact = parent_[contact];
-    return contact;
+  int find_root(int node) const {
+    while (parent_[node] != node) node = parent_[node];
+    return node;
   }
 
   // Lists the items of every block, block by block in one list (a counting sort).
@@ -264,13 +275,13 @@ class Structure {
   }
 
   const Layout& layout_;
-  std::vector<int> start_, contact_of_, parent_;
-  std::vector<int> block_of_contact_, block_of_joint_, block_of_inequality_;
+  std::vector<int> start_, node_of_, parent_;  // nodes: contacts, then internal forces
+  std::vector<int> block_of_node_, block_of_joint_, block_of_inequality_;
   std::vector<int> contacts_, components_, joints_, inequalities_;  // the blocks' lists
   std::vector<int> ends_;
   std::vector<Block> blocks_;
   bool all_in_grasp_ = true;
-  Pattern J_, A_;
+  Pattern J_, internal_, A_;
   unsigned generation_ = 0;
 };
 

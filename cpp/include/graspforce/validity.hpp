@@ -34,8 +34,9 @@ inline unsigned find_changes(const Offsets& at, const double* before, const doub
   auto differ = [&](std::size_t begin, std::size_t end) {
     return std::memcmp(before + begin, now + begin, (end - begin) * sizeof(double)) != 0;
   };
-  const bool J_differs =
-      sparse != nullptr ? !sparse->same_inside(before + at.J, now + at.J) : differ(at.J, at.tau_lo);
+  const bool J_differs = sparse == nullptr ? differ(at.J, at.tau_lo)
+                                           : !sparse->same_inside(before + at.J, now + at.J) ||
+                                                 differ(at.internal, at.tau_lo);
   return (differ(0, at.f) ? kChangedMap : 0u) | (J_differs ? kChangedJacobian : 0u) |
          (differ(at.tau_lo, at.size) ? kChangedRest : 0u);
 }

@@ -70,6 +70,11 @@ class ServoBackend(Protocol):
         ...
 
     @property
+    def internal_forces(self) -> Array:
+        """The internal forces that the last tick found, overwritten by the next."""
+        ...
+
+    @property
     def nu(self) -> Array:
         """The multipliers that the last tick found, overwritten by the next."""
         ...
@@ -85,6 +90,7 @@ class ReferenceServo:
         self.numbers = np.array(problem.packed)
         self.packed = np.array(problem.packed)
         self.c = np.zeros(problem.m)
+        self.internal_forces = np.zeros(problem.layout.internals)
         self.nu = np.zeros(len(problem.f))
         self._last: Outcome | None = None
 
@@ -116,6 +122,7 @@ class ReferenceServo:
         self._last = outcome
         self._past = [*self._past[-1:], np.array(outcome.c)] if outcome.status == 0 else []
         self.c[:], self.nu[:] = outcome.c, outcome.nu
+        self.internal_forces[:] = outcome.internal_forces
         if (outcome.status == Status.SOLVED or outcome.nearest) and self._layout.rate_limits:
             self._layout.views(self.numbers)["c_last"][:] = outcome.c
         return outcome

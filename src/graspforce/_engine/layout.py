@@ -37,12 +37,14 @@ FIELDS: dict[str, Field] = {
     "W": Field(("k", "m"), "Grasp map"),
     "f": Field(("k",), "Wanted wrench [N, N·m]"),
     "J": Field(("m", "n_joints"), "Hand Jacobian [m]"),
+    "internal": Field(("r", "n_joints"), "Internal forces of the motors, by the motors"),
     "tau_lo": Field(("n_joints",), "Lower torque limits [N·m]", broadcast=True),
     "tau_hi": Field(("n_joints",), "Upper torque limits [N·m]", broadcast=True),
     "tau_bias": Field(("n_joints",), "Torques already taken [N·m]", broadcast=True),
     "c_max": Field(("n",), "Ceilings of the normal forces [N]", broadcast=True, flag="ceilings"),
     "c_min": Field(("n",), "Floors of the normal forces [N]", broadcast=True, flag="floors"),
     "engagement": Field(("n",), "Engagements, 0 to 1", broadcast=True, default=1.0),
+    "pull": Field(("n",), "What contacts pull with at most [N]", broadcast=True, flag="pulls"),
     "f_soft": Field(("k",), "Softness of W c = f [N, N·m]", broadcast=True, flag="soft_wrench"),
     "c_last": Field(("m",), "Forces of the tick before [N, N·m]", flag="rate_limits"),
     "dc_max": Field(("m",), "Most change of each [N, N·m]", broadcast=True, flag="rate_limits"),
@@ -50,6 +52,9 @@ FIELDS: dict[str, Field] = {
     "b": Field(("p",), "Right-hand sides of A c ≤ b"),
     "mu": Field(("n",), "Coefficients of friction", default=1.0),
     "gamma": Field(("n",), "Coefficients of torsional friction [m]", default=1.0),
+    "cone_weight": Field(
+        ("n",), "Weights of the cones", broadcast=True, default=1.0, flag="cone_weights"
+    ),
     "alpha": Field((), "Weight of the limits", default=5.0),
 }  # fmt: skip
 
@@ -73,6 +78,9 @@ class Layout(NamedTuple):
     floors: bool
     rate_limits: bool
     soft_wrench: bool
+    pulls: bool = False
+    internals: int = 0
+    cone_weights: bool = False
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -83,6 +91,7 @@ class Layout(NamedTuple):
             "n": len(self.dims),
             "n_joints": self.joints,
             "p": self.inequalities,
+            "r": self.internals,
         }
 
     @property

@@ -44,12 +44,17 @@ module: Any = importlib.import_module(_choose_core())
 Flaw = tuple[str, tuple[int, ...], float, str]
 
 
+def describe(flaw: Flaw) -> str:
+    """Return a flaw in words."""
+    name, indices, got, expected = flaw
+    place = f"[{', '.join(map(str, indices))}]" if indices else ""
+    return f"{name}{place}: got {got:g}, expected {expected}"
+
+
 def refuse(flaw: Flaw) -> None:
     """Raise the error that a flaw found by the core calls for.
 
     Raises:
         InvalidInputError: always.
     """
-    name, indices, got, expected = flaw
-    place = f"[{', '.join(map(str, indices))}]" if indices else ""
-    raise InvalidInputError(f"{name}{place}: got {got:g}, expected {expected}")
+    raise InvalidInputError(describe(flaw))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
 
 from graspforce._util.arrays import Array
 
@@ -42,7 +44,6 @@ class Start(_Named):
     GIVEN = 3  #: forces that the caller gave
 
 
-@runtime_checkable
 class Outcome(Protocol):
     """The result of one solve, as the native core and the reference both return it."""
 
@@ -62,13 +63,18 @@ class Outcome(Protocol):
         ...
 
     @property
+    def internal_forces(self) -> Array:
+        """Internal forces of the motors, shape (r,)."""
+        ...
+
+    @property
     def nu(self) -> Array:
         """Multipliers of W c = f, shape (k,)."""
         ...
 
     @property
     def decrement(self) -> float:
-        """Certified bound on the Newton decrement at c, for Phi / min(1, alpha)."""
+        """Certified bound on the Newton decrement at c, for Phi over its unit."""
         ...
 
     @property
@@ -125,4 +131,5 @@ class PlainOutcome:
     z: Array | None = None
     start: int = Start.COLD
     elapsed_us: float = 0.0
+    internal_forces: Array = field(default_factory=lambda: np.zeros(0))
     nearest: bool = False

@@ -14,7 +14,7 @@ class Settings:
     """Stopping rule and backend of :func:`graspforce.solve` and :class:`graspforce.Servo`.
 
     Args:
-        tol: certified bound on decrement²/2 at return, for Phi / min(1, alpha), so that every
+        tol: certified bound on decrement²/2 at return, for Phi over its unit, so that every
             barrier term is standard self-concordant.
         max_steps: the most Newton steps of a solve or a tick, those of Phase 1 included; up to
             2³¹ − 1, what the native core counts to.

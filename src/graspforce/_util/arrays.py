@@ -118,21 +118,7 @@ def as_array(
     """
     expected = "any shape" if shape is None else _written(shape)
     expected += " or a scalar" if broadcast else ""
-    if type(value) is not np.ndarray and _is_masked(value):
-        raise InvalidInputError(
-            f"{name}: got a masked array, expected real numbers of {expected}; fill it first"
-        )
-    try:
-        raw = np.asarray(value)
-    except Exception as error:  # whatever the caller's __array__ may raise
-        raise InvalidInputError(
-            f"{name}: not a regular array of numbers ({str(error).partition(chr(10))[0]}); "
-            f"expected {expected}"
-        ) from None
-    if raw.dtype.kind not in "fiu":
-        single = raw.dtype.kind == "O" and raw.ndim == 0
-        got = came(value) if single else f"type {raw.dtype.name}"
-        raise InvalidInputError(f"{name}: got {got}, expected real numbers of {expected}")
+    raw = _as_numbers(value, name, expected)
     if shape is not None:
         if broadcast and raw.ndim == 0:
             raw = np.broadcast_to(raw, tuple(int(n) for n in shape))
@@ -152,6 +138,61 @@ def as_array(
         )
     array.flags.writeable = False
     return array
+
+
+def as_rows(
+    value: Any, name: str, shape: tuple[int | str, ...], *, broadcast: bool = False
+) -> NDArray[Any]:
+    """Return ``value`` as an array of real numbers of the wanted shape, or with one axis more.
+
+    It is the caller's own array where that is one: neither copied, converted nor looked into.
+
+    Args:
+        value: what the caller gave.
+        name: the argument's name, for the error text.
+        shape: the wanted shape of a row; a string stands for any length of at least one.
+        broadcast: also accept a scalar, or one number a row, shape (B, 1), for all entries.
+
+    Raises:
+        InvalidInputError: not numeric, masked, of a wrong shape.
+    """
+    expected = f"{_written(shape)}, or with a leading axis"
+    raw = _as_numbers(value, name, expected)
+    if broadcast and (raw.ndim == 0 or raw.shape[1:] == (1,) != shape):
+        sizes = tuple(int(n) for n in shape)
+        raw = np.broadcast_to(raw, sizes if raw.ndim == 0 else (len(raw), *sizes))
+    own = raw.shape[max(0, raw.ndim - len(shape)) :]
+    fits = raw.ndim - len(shape) in (0, 1) and all(
+        got == want if isinstance(want, int) else got >= 1
+        for got, want in zip(own, shape, strict=True)
+    )
+    if not fits:
+        raise InvalidInputError(f"{name}: got shape {raw.shape}, expected {expected}")
+    return raw
+
+
+def _as_numbers(value: Any, name: str, expected: str) -> NDArray[Any]:
+    """Return ``value`` as an array of real numbers of any shape, without a copy where it is one.
+
+    Raises:
+        InvalidInputError: not numeric, or masked.
+    """
+    if type(value) is not np.ndarray and _is_masked(value):
+        raise InvalidInputError(
+            f"{name}: got a masked array, expected real numbers of {expected}; fill it first"
+        )
+    try:
+        raw = np.asarray(value)
+    except Exception as error:  # whatever the caller's __array__ may raise
+        raise InvalidInputError(
+            f"{name}: not a regular array of numbers ({str(error).partition(chr(10))[0]}); "
+            f"expected {expected}"
+        ) from None
+    if raw.dtype.kind not in "fiu":
+        single = raw.dtype.kind == "O" and raw.ndim == 0
+        got = came(value) if single else f"type {raw.dtype.name}"
+        raise InvalidInputError(f"{name}: got {got}, expected real numbers of {expected}")
+    return raw
 
 
 def _written(shape: tuple[int | str, ...]) -> str:
@@ -176,6 +217,18 @@ def as_positive(value: float, name: str, unit: str = "") -> float:
     number = float(as_array(value, name, ()))
     if number <= 0:
         raise InvalidInputError(f"{name}: got {number}{unit and f' {unit}'}, expected more than 0")
+    return number
+
+
+def as_not_negative(value: float, name: str, unit: str = "") -> float:
+    """Return ``value`` as a float, which must be finite and 0 or more.
+
+    Raises:
+        InvalidInputError: not a real number, not finite, or below zero.
+    """
+    number = float(as_array(value, name, ()))
+    if number < 0:
+        raise InvalidInputError(f"{name}: got {number}{unit and f' {unit}'}, expected 0 or more")
     return number
 
 

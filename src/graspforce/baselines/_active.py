@@ -107,13 +107,24 @@ def trivial_verdict(problem: ForceProblem) -> Solution | None:
     """Return the answer to a problem that would overflow or has no contact left; else None.
 
     Raises:
-        InvalidInputError: no problem, or one with a soft wrench.
+        InvalidInputError: no problem, or one with a soft wrench, contacts that pull, internal
+            forces of motors or weights of its cones.
     """
     require_instance(problem, "problem", ForceProblem)
     if problem.layout.soft_wrench:
         raise InvalidInputError(
             "f_soft: got a soft wrench, expected none: this method keeps W c = f"
         )
+    if problem.layout.pulls:
+        raise InvalidInputError(
+            "models: got contacts that pull, expected none: this method's contacts only push"
+        )
+    if problem.layout.internals:
+        raise InvalidInputError(
+            "internal: got internal forces of motors, expected none: this method knows c alone"
+        )
+    if problem.layout.cone_weights:
+        raise InvalidInputError("cone_weight: got weights, expected none: this method has none")
     if np.abs(problem.packed).max() > equations.LARGEST:
         return empty_solution(problem, Status.INVALID_NUMBERS)
     if problem.active.any():

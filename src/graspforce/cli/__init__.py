@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from graspforce.cli import bench, compare, reproduce, scenario, simulate, solve
+from graspforce.cli import bench, compare, explain, hand, reproduce, scenario, simulate, solve
 from graspforce.cli.process import as_command
 from graspforce.cli.terminal import one_line_errors, show
 
@@ -75,6 +75,8 @@ def _graspforce(
 
 for command, examples in (
     (solve.solve, solve.EXAMPLES),
+    (explain.explain, explain.EXAMPLES),
+    (hand.hand, hand.EXAMPLES),
     (scenario.scenario, scenario.EXAMPLES),
     (simulate.simulate, simulate.EXAMPLES),
     (reproduce.reproduce, reproduce.EXAMPLES),

@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+from rich.text import Text
 
 from graspforce._engine.outcome import Status
 from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, status_words
 from graspforce.errors import InvalidInputError, error_context
+from graspforce.solution.columns import Columns
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from graspforce.files import NamedProblem, NamedSolution
+    from graspforce.solution import Solution
 
 
 # Grasps without an answer whose message is printed below the table; all are in --out.
 MESSAGES = 5
+# More grasps than this get a summary in place of a row each.
+SCREENFUL = 40
+# Grasps with the least margins that a summary names.
+TIGHTEST = 10
+HEADINGS = ("largest\nnormal\n[N]", "slip\nmargin\n[N]", "torque\nmargin\n[N·m]", "steps")
 
 EXAMPLES = (
     "graspforce solve examples/nose_cone.json",
@@ -46,17 +57,21 @@ def solve(
         Path | None,
         typer.Option(help="Write everything to this .json, .npz or .csv; replaces a file."),
     ] = None,
+    rows: Annotated[
+        bool, typer.Option("--rows", help="Print a row for each grasp, however many there are.")
+    ] = False,
 ) -> None:
     """Solve the grasps in FILE.
 
     The table shows, for each grasp that is solved, the largest normal force, the smallest
     distance to slipping, mu n − |tangential force|, the smallest distance of a joint torque to
-    its limit, and the Newton steps. Infeasible grasps are listed as such, and are no error.
+    its limit, and the Newton steps. Infeasible grasps are listed as such, and are no error. Of more
+    than 40 grasps it shows quantiles and the ten tightest instead.
     """
     from graspforce import files
     from graspforce._engine.settings import Settings
     from graspforce._util.arrays import as_positive
-    from graspforce.solve import solve as solve_problem
+    from graspforce.batch import iterate_many
 
     given = {"alpha": alpha, "c_max": c_max}
     changes = {
@@ -73,12 +88,13 @@ def solve(
     grasps = _changed(content.grasps, changes, file)
     results: list[NamedSolution] = []
     with progress_bar(len(grasps), "solving") as advance:
-        for index, (name, problem) in enumerate(grasps):
-            results.append(files.NamedSolution(name, solve_problem(problem, settings)))
+        solutions = iterate_many((problem for _, problem in grasps), settings)
+        for index, ((name, _), solution) in enumerate(zip(grasps, solutions, strict=True)):
+            results.append(files.NamedSolution(name, solution))
             advance(index)
 
     def report() -> None:
-        _report(results)
+        _report(results, rows or len(results) <= SCREENFUL)
         if content.unused_keys:
             show(f"Keys of {file} that were not read: {', '.join(content.unused_keys)}")
 
@@ -101,47 +117,88 @@ def _changed(grasps: list[NamedProblem], changes: dict[str, Any], file: Path) ->
     return changed
 
 
-def _report(results: list[NamedSolution]) -> None:
-    """Print the table, the messages of grasps without an answer, and the counts."""
+def _report(results: list[NamedSolution], rows: bool) -> None:
+    """Print tables, the messages of grasps without an answer, and the counts."""
     failed = [
-        (name, solution) for name, solution in results if solution.status is not Status.SOLVED
+        (index, name, solution)
+        for index, (name, solution) in enumerate(results)
+        if solution.status is not Status.SOLVED
     ]
-    lines = [f"{name}: {solution.message}" for name, solution in failed[:MESSAGES]]
+    lines = [
+        f"{name if rows else f'{index} {name}'}: {solution.message}{_help(solution)}"
+        for index, name, solution in failed[:MESSAGES]
+    ]
     if len(failed) > MESSAGES:
         lines.append(f"… and {len(failed) - MESSAGES} more without an answer")
-    show(_table(results), *lines, counts("grasp", (solution.status for _, solution in results)))
+    columns = Columns(solution for _, solution in results)
+    numbers = _numbers(columns)
+    if rows:
+        tables = [_table(results, range(len(results)), columns, numbers)]
+    else:
+        slips = np.where(columns.solved, numbers[:, 1], np.inf)
+        tightest = np.argsort(slips, kind="stable")[:TIGHTEST]
+        tightest = tightest[columns.solved[tightest]].tolist()
+        tables = [_quantiles(numbers), f"The {len(tightest)} that are nearest to slipping:",
+                  _table(results, tightest, columns, numbers)] if tightest else []  # fmt: skip
+    show(*tables, *lines, counts("grasp", (solution.status for _, solution in results)))
 
 
-def _table(results: list[NamedSolution]) -> Table:
-    import numpy as np
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
+def _numbers(columns: Columns) -> NDArray[np.float64]:
+    """Largest normal force, least slip margin, least torque margin, steps; NaN where not solved."""
+    normals, margins = columns.normal_forces, columns.friction_margins
+    shown = np.empty((len(columns), 4))
+    shown[:, 0] = np.nanmax(normals, axis=1)
+    shown[:, 1] = np.nanmin(margins, axis=1)
+    shown[:, 2] = columns.torque_residual
+    shown[:, 3] = columns.newton_steps
+    shown[~columns.solved, :3] = np.nan
+    return shown
 
-    from graspforce.solution.columns import Columns
 
+def _help(solution: Solution) -> str:
+    """Return what would help a grasp without an answer, to be added to its message."""
+    from graspforce.answers.diagnosis import diagnose
+
+    said = diagnose(solution).line
+    return f"; {said}" if said else ""
+
+
+def _quantiles(numbers: NDArray[np.float64]) -> Table:
+    """What grasps that are solved have, from the least to the most."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    table.add_column("of the solved")
+    for heading in HEADINGS:
+        table.add_column(Text(heading), justify="right", overflow="fold")
+    solved = numbers[np.isfinite(numbers[:, 0])]
+    for share, name in ((0, "least"), (0.01, "1 %"), (0.5, "median"), (0.99, "99 %"), (1, "most")):
+        table.add_row(name, *(_written(each) for each in np.quantile(solved, share, axis=0)))
+    return table
+
+
+def _written(number: float) -> str:
+    return f"{number:.4g}" if np.isfinite(number) else "–"
+
+
+def _table(
+    results: list[NamedSolution],
+    indices: Iterable[int],
+    columns: Columns,
+    numbers: NDArray[np.float64],
+) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     table.add_column("#", justify="right")
     table.add_column("grasp", overflow="fold")
     table.add_column("status", no_wrap=True)
-    for heading in ("largest\nnormal\n[N]", "slip\nmargin\n[N]", "torque\nmargin\n[N·m]", "steps"):
+    for heading in HEADINGS:
         table.add_column(Text(heading), justify="right", overflow="fold")
-    columns = Columns(solution for _, solution in results)
-    shown = np.column_stack(
-        (
-            np.nanmax(columns.normal_forces, axis=1),
-            np.nanmin(columns.friction_margins, axis=1),
-            columns.torque_residual,
-        )
-    )
-    shown[~columns.solved] = np.nan
-    rows = zip(results, columns.status, shown, columns.newton_steps, strict=True)
-    for index, ((name, _), status, numbers, steps) in enumerate(rows):
+    for index in indices:
+        status = Status(columns.status[index])
+        *shown, steps = numbers[index].tolist()
         table.add_row(
             str(index),
-            Text(printable(name)),
-            Text(status_words(Status(status)), style="green" if status == Status.SOLVED else "red"),
-            *(f"{number:.4g}" if np.isfinite(number) else "–" for number in numbers),
-            str(steps),
+            Text(printable(results[index].name)),
+            Text(status_words(status), style="green" if status == Status.SOLVED else "red"),
+            *map(_written, shown),
+            str(int(steps)),
         )
     return table

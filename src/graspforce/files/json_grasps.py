@@ -189,10 +189,11 @@ def _problem(grasp: dict[str, Any]) -> ForceProblem:
 
 
 def _model(entry: dict[str, Any]) -> ContactModel:
+    pull = entry.get("pull", 0.0)
     match entry["model"]:
         case "PCWF":
-            return PCWF(entry["mu"])
+            return PCWF(entry["mu"], pull)
         case "SFC":
-            return SFC(entry["mu"], entry["gamma"])
+            return SFC(entry["mu"], entry["gamma"], pull)
         case _:
-            return FPC()
+            return FPC(pull)

@@ -197,7 +197,8 @@ def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> list
         with error_context(f"grasp {index} {names[index]!r}"):
             return _problem(own)
 
-    first = make(0)  # types, shapes and what came without what are those of all grasps
+    # Types, shapes and what came without what are those of all grasps.
+    first = make(_first_that_pulls(arrays))
     layout = first.layout
     packed = np.tile(first.packed, (len(names), 1))
     fields = layout.views(packed)
@@ -205,12 +206,18 @@ def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> list
         _fill(fields["tau_hi"], arrays["tau_limit"])
         np.negative(fields["tau_hi"], out=fields["tau_lo"])
     for key, array in arrays.items():
-        if key != "tau_limit":
+        if key != "tau_limit" and (key != "pull" or layout.pulls):
             _fill(fields[key], array)
     for index, row in enumerate(packed):
         if native.module.find_flaw(layout, row) is not None:
             make(index)  # which raises, and says it of the array that the file has
     return [ForceProblem.from_packed(layout, row) for row in packed]
+
+
+def _first_that_pulls(arrays: dict[str, np.ndarray[Any, Any]]) -> int:
+    """Return the index of the first grasp with a contact that pulls; 0 where there is none."""
+    pull = arrays.get("pull", np.zeros(()))
+    return int((pull > 0).reshape(len(pull), -1).any(axis=1).argmax()) if pull.ndim else 0
 
 
 def _fill(field: Array, array: np.ndarray[Any, Any]) -> None:
@@ -227,10 +234,12 @@ def _problem(own: dict[str, np.ndarray[Any, Any]]) -> ForceProblem:
             f"W: got {columns} columns, expected 3 for each contact: normal, x, y"
         )
     mu = as_array(own.pop("mu"), "mu", (columns // 3,), broadcast=True)
+    pull = as_array(own.pop("pull", 0.0), "pull", (columns // 3,), broadcast=True)
     arguments: dict[str, Any] = dict(own)
     limit = arguments.pop("tau_limit", None)
     if limit is not None:
         bound = as_array(limit, "tau_limit", np.shape(limit))
         require(np.ravel(bound > 0), "tau_limit", np.ravel(bound), "more than 0 N·m")
         arguments |= {"tau_lo": -bound, "tau_hi": bound}
-    return ForceProblem(models=[PCWF(float(each)) for each in mu], **arguments)
+    models = [PCWF(float(each), float(p)) for each, p in zip(mu, pull, strict=True)]
+    return ForceProblem(models=models, **arguments)

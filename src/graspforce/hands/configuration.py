@@ -6,11 +6,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspforce._util.arrays import Array
+from graspforce._util.arrays import Array, as_tuple
 from graspforce.contact import Contact
+from graspforce.equations import undetermined
+from graspforce.errors import InvalidInputError
 from graspforce.hands.hand import Actuation
 from graspforce.hands.limits import DriveLimit, as_tau_max, has_motor, limits
+from graspforce.hands.stops import Stops
 from graspforce.hands.transmission import RANK_TOLERANCE, Transmission
 
 
@@ -36,6 +40,11 @@ class Configuration(Protocol):
         """How the drives move the joints there; columns in the order of the drives."""
         ...
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the posture, a sentence each."""
+        ...
+
     def twist(self, link: str, point: Array | None) -> Array:
         """Return a link's velocity by each joint's, at ``point`` or at the link's own origin.
 
@@ -46,6 +55,14 @@ class Configuration(Protocol):
 
     def position(self, link: str) -> Array:
         """Return a link's origin, shape (3,) [m], in the hand's frame."""
+        ...
+
+    def chain(self, link: str) -> Array:
+        """Return where the joints are that move a link, and the link, from the base.
+
+        Returns:
+            shape (k, 3) [m], in the hand's frame.
+        """
         ...
 
     def bias(self) -> Array:
@@ -68,36 +85,104 @@ class Motors(NamedTuple, Generic[D]):
     idle: tuple[str, ...]
     """Drives whose motors have no torque."""
 
-    def actuation(self, transmission: Transmission, full: Array, bias: Array) -> Actuation:
+    def actuation(
+        self,
+        transmission: Transmission,
+        full: Array,
+        bias: Array,
+        notes: tuple[str, ...] = (),
+    ) -> Actuation:
         """Return what the joints bring into the force problem.
 
         Args:
             transmission: how the drives move the joints.
             full: Jacobian over all joints in the contact frames, shape (m, n_dofs).
             bias: what all joints must give besides, shape (n_dofs,).
+            notes: what a user should know of the posture.
         """
-        driven, free = transmission
-        loaded = loaded_motions(full, free)
+        driven, loaded = transmission.driven, loaded_motions(full, transmission.free)
+        pushing = (full @ transmission.stopped).T
+        touched = pushing.any(axis=1)  # a stop that no contact loads is nobody's concern
+        stopped = np.zeros(len(self.joint_names))
+        for _, drive, side in transmission.beside:
+            stopped[drive] = side
         return Actuation(
             self.joint_names, full @ driven, self.tau_lo, self.tau_hi, driven.T @ bias,
-            (full @ loaded).T, -loaded.T @ bias,
+            (full @ loaded).T, -loaded.T @ bias, transmission.internal,
+            -pushing[touched], (transmission.stopped.T @ bias)[touched], stopped, notes,
         )  # fmt: skip
 
 
-def choose_motors(drives: Sequence[D], tau_max: float | Mapping[str, float] | None) -> Motors[D]:
+def choose_motors(
+    drives: Sequence[D],
+    tau_max: float | Mapping[str, float] | None,
+    named: Sequence[str] | None = None,
+) -> Motors[D]:
     """Choose those of the drives that have motors and settle their limits.
+
+    Args:
+        drives: the drives.
+        tau_max: the user's limits.
+        named: those that have motors, where the user says so.
 
     Raises:
         InvalidInputError: ``tau_max`` is wrong or names what is not there.
         ModelImportError: a drive without a limit.
     """
     given = as_tau_max(tau_max, [each.limit.name for each in drives])
-    kept = tuple(each for each in drives if has_motor(each.limit, given))
+    if named is None:
+        kept = tuple(each for each in drives if has_motor(each.limit, given))
+        idle = tuple(each.limit.name for each in drives if not has_motor(each.limit, given))
+    else:
+        kept, idle = tuple(each for each in drives if each.limit.name in named), ()
     allowed = limits([each.limit for each in kept], given)
     return Motors(
         kept, tuple(each.limit.name for each in kept), allowed.lo, allowed.hi, allowed.warnings,
-        tuple(each.limit.name for each in drives if not has_motor(each.limit, given)),
+        idle,
     )  # fmt: skip
+
+
+def as_names(names: Sequence[str], argument: str, known: Iterable[str]) -> tuple[str, ...]:
+    """Return the joints or tendons that an argument names.
+
+    Raises:
+        InvalidInputError: no list, or a name that is not there; the text lists those that are.
+    """
+    given, known = as_tuple(names, argument, str), tuple(dict.fromkeys(known))
+    for name in given:
+        if name not in known:
+            raise InvalidInputError(
+                f"{argument}: got {name!r}, expected some of {', '.join(known)}"
+            )
+    return given
+
+
+def locking_rows(locked: Sequence[str], dof_names: Sequence[str]) -> Array:
+    """Return couplings that hold joints still, shape (p, n_dofs).
+
+    Args:
+        locked: the joints.
+        dof_names: the joint of each degree of freedom, n_dofs names.
+
+    Raises:
+        InvalidInputError: ``locked`` names what is no joint.
+    """
+    locked = as_names(locked, "locked", dof_names)
+    return np.eye(len(dof_names))[[name in locked for name in dof_names]]
+
+
+def stop_notes(stops: Stops, transmission: Transmission) -> list[str]:
+    """Say which joints lean on their stops, a sentence for those of each kind."""
+    kinds: dict[str, list[str]] = {}
+    beside = {stop for stop, _, _ in transmission.beside}
+    for i, name in enumerate(stops.names):
+        kind = "and what it bears beside the motors is not counted"
+        if i in transmission.bearing:
+            kind = "which can push off what no motor moves, and not pull"
+        elif i in beside:
+            kind = "which bears what goes beyond the motor's limit there"
+        kinds.setdefault(kind, []).append(name)
+    return [f"at a stop, {kind}: {', '.join(names)}" for kind, names in kinds.items()]
 
 
 def warnings_of(
@@ -108,18 +193,49 @@ def warnings_of(
 
 
 def notes_of(
-    motors: Motors[D], transmission: Transmission, dof_names: Sequence[str]
+    motors: Motors[D],
+    transmission: Transmission,
+    dof_names: Sequence[str],
+    locked: Sequence[str],
+    friction: Array,
 ) -> tuple[str, ...]:
-    """Return what else there is to know, a sentence each."""
-    coupled = _coupling_notes(transmission, dof_names, motors.joint_names)
-    return (*idle_notes(motors.idle), *coupled)
+    """Return what else there is to know, a sentence each.
+
+    Args:
+        motors: the motors.
+        transmission: how they move the joints.
+        dof_names: the joint of each degree of freedom, n_dofs names.
+        locked: the joints that are held.
+        friction: dry friction of the joints, shape (n_dofs,) [N·m; N for slides].
+    """
+    return (
+        *idle_notes(motors.idle),
+        *_coupling_notes(transmission, dof_names, motors.joint_names),
+        *_internal_notes(transmission, motors.joint_names),
+        *_lock_notes(locked),
+        *_friction_notes(dof_names, friction),
+    )
 
 
 def idle_notes(idle: Sequence[str]) -> list[str]:
-    """Say which motors the file gives no torque, a sentence each."""
+    """Say which motors the file gives no torque, one sentence for all."""
+    if not idle:
+        return []
+    names, them = ", ".join(map(repr, idle)), "it" if len(idle) == 1 else "each"
     return [
-        f"the file gives {name!r} no torque at all: taken as without a motor; tau_max gives it one"
-        for name in idle
+        f"the file gives {names} no torque at all: taken as without a motor; tau_max gives {them} "
+        "one"
+    ]
+
+
+def undetermined_notes(W: Array, passive_rows: Array, J: Array) -> list[str]:
+    """Say how many components of c only the physics chooses, a sentence where there are any."""
+    count, m = undetermined(np.vstack((W, passive_rows)), J), W.shape[1]
+    if not count:
+        return []
+    return [
+        f"{count} of {m} force components are undetermined: neither W c = f nor the torques fix "
+        "them, so the motors cannot tell; they and the margins that they are in are as asked"
     ]
 
 
@@ -149,12 +265,39 @@ def loaded_motions(full: Array, free: Array) -> Array:
     return free @ left[:, sizes > RANK_TOLERANCE * scale]
 
 
+def _lock_notes(locked: Sequence[str]) -> list[str]:
+    """Say which joints are held, in a sentence or none."""
+    return [f"held whatever the contacts do to them: {', '.join(locked)}"] if locked else []
+
+
+def _friction_notes(names: Sequence[str], sizes: Array) -> list[str]:
+    """Say that dry friction in joints is not counted, in a sentence or none.
+
+    Args:
+        names: the joints, n of them.
+        sizes: their dry friction, shape (n,) [N·m; N for slides and tendons].
+    """
+    rubbing = [
+        f"{name} (up to {size:g})"
+        for name, size in dict(zip(names, sizes.tolist(), strict=True)).items()
+        if size > 0
+    ]
+    what = "friction in the joints helps to hold and is not counted [N·m; N for slides]"
+    return [f"{what}: {', '.join(rubbing)}"] if rubbing else []
+
+
 def _coupling_notes(
     transmission: Transmission, dof_names: Sequence[str], joint_names: Sequence[str]
 ) -> list[str]:
-    """Say which joints a drive moves besides its own, a sentence each."""
+    """Say which joints a drive moves besides its own, a sentence each.
+
+    Drives that are more than the motions have no motion of their own.
+    """
     notes: list[str] = []
+    redundant: NDArray[np.bool_] = (transmission.internal != 0).any(axis=0)
     for column, drive in enumerate(joint_names):
+        if redundant[column]:
+            continue
         ratios = transmission.driven[:, column]
         others = [
             f"{name!r} by {ratio:.4g}"
@@ -166,12 +309,25 @@ def _coupling_notes(
     return notes
 
 
-def _uncontrolled(transmission: Transmission, dof_names: Sequence[str]) -> list[str]:
-    """Say which motions no drive takes part in, a sentence for each set of joints."""
-    projector = transmission.free @ transmission.free.T
-    together = np.abs(projector) > 1e-9
-    left = [i for i in range(len(dof_names)) if together[i, i]]
-    sentences: list[str] = []
+def _internal_notes(transmission: Transmission, joint_names: Sequence[str]) -> list[str]:
+    """Say which motors are more than the motions that they move, a sentence for each set."""
+    together = np.where(transmission.internal == 0, 0.0, 1.0)
+    notes: list[str] = []
+    for members in _connected(together.T @ together > 0):
+        names = ", ".join(repr(joint_names[i]) for i in members)
+        count = len(members) - int(together[:, members].any(axis=1).sum())
+        motions = "1 motion" if count == 1 else f"{count} motions"
+        notes.append(
+            f"{names} are {len(members)} motors for {motions}: how they share a load is part of "
+            f"the answer (motor_forces)"
+        )
+    return notes
+
+
+def _connected(together: NDArray[np.bool_]) -> list[list[int]]:
+    """Return the sets of indices that a symmetric relation connects; not those without any."""
+    left = [i for i in range(len(together)) if together[i, i]]
+    sets: list[list[int]] = []
     while left:
         group = {left[0]}
         while True:
@@ -180,12 +336,23 @@ def _uncontrolled(transmission: Transmission, dof_names: Sequence[str]) -> list[
                 break
             group |= wider
         left = [i for i in left if i not in group]
-        members = sorted(group)
+        sets.append(sorted(group))
+    return sets
+
+
+def _uncontrolled(transmission: Transmission, dof_names: Sequence[str]) -> list[str]:
+    """Say which motions no drive takes part in, one sentence for all sets of joints."""
+    projector = transmission.free @ transmission.free.T
+    sets: list[str] = []
+    for members in _connected(np.abs(projector) > 1e-9):
         names = ", ".join(repr(dof_names[i]) for i in members)
         count = round(float(np.trace(projector[np.ix_(members, members)])))
-        what = names if count == len(members) else f"{count} of {len(members)} motions of {names}"
-        sentences.append(
-            f"no motor controls {what}: only contact forces that leave this unloaded can be held "
-            f"(passive_rows)"
+        sets.append(
+            names if count == len(members) else f"{count} of {len(members)} motions of {names}"
         )
-    return sentences
+    if not sets:
+        return []
+    return [
+        f"no motor controls {'; '.join(sets)}: only contact forces that leave this unloaded can be "
+        "held (passive_rows)"
+    ]

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from graspforce._util.arrays import Array, as_array, as_tuple, require_instance
 from graspforce.contact import Contact, contact_starts
+from graspforce.errors import InvalidInputError
 
 
 @runtime_checkable
@@ -77,6 +78,18 @@ class LoadedHand(UnderactuatedHand, Protocol):
         ...
 
 
+@runtime_checkable
+class RedundantHand(Hand, Protocol):
+    """A hand of more motors than motions, by whose forces its joints, J and limits are."""
+
+    def internal(self, q: ArrayLike) -> Array:
+        """Return the forces of the motors that balance among themselves, shape (r, n_joints).
+
+        ``tau = J.T c + internal.T v + tau_bias`` for any v; see :class:`graspforce.ForceProblem`.
+        """
+        ...
+
+
 class Actuation(NamedTuple):
     """What the joints of a hand at one configuration bring into the force problem."""
 
@@ -91,6 +104,25 @@ class Actuation(NamedTuple):
     """Virtual work of c over the motions that no motor moves, shape (k, m)."""
     passive_loads: Array
     """What it has to be, shape (k,): ``passive_rows @ c = passive_loads``."""
+    internal: Array
+    """Forces of the motors that balance among themselves, shape (r, n_joints)."""
+    A: Array
+    """Further limits ``A c ≤ b`` of the hand, shape (p, m): stops that joints lean on only push."""
+    b: Array
+    """shape (p,)."""
+    stopped: Array
+    """Which limits stops open, shape (n_joints,): 1 for tau_hi, −1 for tau_lo, 0 for none."""
+    notes: tuple[str, ...]
+    """What a user should know of the posture, a sentence each."""
+
+
+@runtime_checkable
+class ActuatedHand(UnderactuatedHand, Protocol):
+    """A hand that says by itself all that it brings into the force problem."""
+
+    def actuation(self, contacts: Sequence[Contact], q: ArrayLike) -> Actuation:
+        """Return what the hand at the joint angles q brings into the force problem."""
+        ...
 
 
 class ImportedGrasp(Protocol):
@@ -112,8 +144,23 @@ class ImportedGrasp(Protocol):
         ...
 
     @property
+    def W(self) -> Array:
+        """Grasp map, shape (6, m)."""
+        ...
+
+    @property
     def actuation(self) -> Actuation:
         """What the joints bring into the force problem."""
+        ...
+
+    @property
+    def motions(self) -> Array | None:
+        """The object's possible motions, shape (6, k); None where it moves freely."""
+        ...
+
+    @property
+    def from_simulator(self) -> bool:
+        """Whether contacts are as physics has them, not chosen."""
         ...
 
     @property
@@ -134,6 +181,8 @@ def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuatio
     require_instance(
         hand, "hand", Hand, "a Hand: joint_names, tau_lo, tau_hi and jacobian(contacts, q)"
     )
+    if isinstance(hand, ActuatedHand):
+        return hand.actuation(contacts, q)
     underactuated = isinstance(hand, UnderactuatedHand)
     joints = as_tuple(hand.joint_names, "hand.joint_names", str)
     names = as_tuple(hand.q_names, "hand.q_names", str) if underactuated else joints
@@ -149,4 +198,14 @@ def actuation(hand: Hand, contacts: Sequence[Contact], q: ArrayLike) -> Actuatio
         bias, loads = hand.tau_bias(q), hand.passive_loads(contacts, q)
     else:
         bias, loads = np.zeros(len(joints)), np.zeros(len(passive))
-    return Actuation(joints, J, tau_lo, tau_hi, bias, passive, loads)
+    internal = np.zeros((0, len(joints)))
+    if isinstance(hand, RedundantHand):
+        internal = as_array(hand.internal(q), "hand.internal", None)
+        if internal.ndim != 2 or internal.shape[1] != len(joints):
+            raise InvalidInputError(
+                f"hand.internal: got shape {internal.shape}, expected (r, {len(joints)})"
+            )
+    return Actuation(
+        joints, J, tau_lo, tau_hi, bias, passive, loads, internal, np.zeros((0, m)), np.zeros(0),
+        np.zeros(len(joints)), (),
+    )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,9 @@ from graspforce.hands.configuration import (
     Motors,
     full_jacobian,
     idle_notes,
-    loaded_motions,
 )
+from graspforce.hands.hand import Actuation
+from graspforce.hands.limits import DriveLimit
 
 
 class Robot(Protocol):
@@ -33,6 +34,11 @@ class Robot(Protocol):
     @property
     def links(self) -> tuple[str, ...]:
         """Names of everything that a contact can be on."""
+        ...
+
+    @property
+    def limits(self) -> tuple[tuple[DriveLimit, str], ...]:
+        """The file's limits of the drives, and which of its numbers they come from."""
         ...
 
     def configuration(self, q: Array) -> Configuration:
@@ -100,8 +106,29 @@ class ImportedHand:
         Raises:
             InvalidInputError: another number of contacts or angles.
         """
+        return self.actuation(contacts, q).J
+
+    def actuation(self, contacts: Sequence[Contact], q: ArrayLike) -> Actuation:
+        """Return all that the hand brings into the force problem at the joint angles q.
+
+        Where q leaves a closed linkage open, the joints without motors are moved until it is
+        closed, or all of its joints; ``notes`` then say so. Joints at the ends of their ranges lean
+        on stops: in place of an equation of ``passive_rows`` they have a row of ``A c ≤ b``.
+
+        Args:
+            contacts: as for :meth:`jacobian`.
+            q: likewise.
+
+        Raises:
+            InvalidInputError: another number of contacts or angles; a linkage that no motion of
+                its joints closes: the text says how far it stays open.
+        """
         configuration = self._configuration(q)
-        return self._full(contacts, configuration) @ configuration.transmission.driven
+        motors: Motors[Any] = Motors((), self.joint_names, self.tau_lo, self.tau_hi, (), ())
+        return motors.actuation(
+            configuration.transmission, self._full(contacts, configuration),
+            configuration.bias(), configuration.notes,
+        )  # fmt: skip
 
     def passive_rows(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
         """Return ``rows`` of the equations of the motions that no drive takes part in.
@@ -111,9 +138,7 @@ class ImportedHand:
         Returns:
             shape (k, m): the virtual work of c over each such motion that c can load.
         """
-        configuration = self._configuration(q)
-        full = self._full(contacts, configuration)
-        return (full @ loaded_motions(full, configuration.transmission.free)).T
+        return self.actuation(contacts, q).passive_rows
 
     def passive_loads(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
         """Return what ``passive_rows @ c`` has to be, shape (k,): the work of weight and springs.
@@ -125,9 +150,7 @@ class ImportedHand:
         Raises:
             InvalidInputError: another number of contacts or angles.
         """
-        configuration = self._configuration(q)
-        full = self._full(contacts, configuration)
-        return -loaded_motions(full, configuration.transmission.free).T @ configuration.bias()
+        return self.actuation(contacts, q).passive_loads
 
     def tau_bias(self, q: ArrayLike) -> Array:
         """Return what the drives must give against weight and springs, shape (n_joints,) [N·m].
@@ -143,6 +166,19 @@ class ImportedHand:
         """
         configuration = self._configuration(q)
         return configuration.transmission.driven.T @ configuration.bias()
+
+    def internal(self, q: ArrayLike) -> Array:
+        """Return the forces of the drives that balance among themselves, shape (r, n_joints).
+
+        r is 0 but where the drives are more than the motions that they move.
+
+        Args:
+            q: angles of the joints ``q_names``, shape (len(q_names),) [rad, m].
+
+        Raises:
+            InvalidInputError: another number of angles.
+        """
+        return self._configuration(q).transmission.internal
 
     def _full(self, contacts: Sequence[Contact], configuration: Configuration) -> Array:
         contacts = as_contacts(contacts)
@@ -216,9 +252,11 @@ def fingers_of(
         ModelImportError: nothing moves one of them.
     """
     fingers: dict[str, tuple[str, ...]] = {}
-    driven = np.abs(configuration.transmission.driven)
+    transmission = configuration.transmission
+    driven, internal = np.abs(transmission.driven), np.abs(transmission.internal)
     for finger, link in fingertips.items():
         moves = np.abs(configuration.twist(link, None)) @ driven  # no cancelling: not by chance 0
+        moves = moves + moves @ internal.T @ internal  # and those that work against them
         fingers[finger] = tuple(
             name for name, column in zip(motors.joint_names, moves.T, strict=True) if column.any()
         )

@@ -87,7 +87,7 @@ def limits(drives: Sequence[DriveLimit], given: Mapping[str, float]) -> Limits:
     missing = [
         each.name
         for each in drives
-        if each.name not in given and not (np.isfinite(each.lo) and np.isfinite(each.hi))
+        if each.name not in given and not -np.inf < each.lo < each.hi < np.inf
     ]
     if missing:
         raise ModelImportError(

@@ -9,6 +9,18 @@ moves by ``drives @ dq``. Turned around, every allowed motion is
 with dl the drives' motions and dz motions that no drive takes part in. By virtual work, contact
 forces whose joint torques would be Q = J_full.T @ c on a robot with a motor at every joint need
 ``driven.T @ Q`` of the drives, and can be held only if ``free.T @ Q`` is 0.
+
+A joint that leans on a stop takes part as if the stop were a drive that only pushes: a motion off
+the stop, ``stops @ dq``, is one more dl, whose force has to be 0 or more. That holds for stops that
+bear what no drive does. One that acts on what one drive moves opens the drive's limit to its side.
+Any other is left out, which asks for less than the hand could bear.
+
+Where drives are more than the motions that they move (a flexor and an extensor, muscles, two motors
+on one motion), those motions of theirs are not independent, and their forces are not determined:
+besides ``driven.T @ Q`` they may have any ``internal.T @ v``, which does no work on any allowed
+motion. Some of them, as many as are independent, carry Q in ``driven``; each of the others has
+zeros there, and its force is one of v. No v loads a stop that bears what no drive does, and a stop
+opens limits of drives that carry alone: so stops have no part of v.
 """
 
 from __future__ import annotations
@@ -31,24 +43,51 @@ class Transmission(NamedTuple):
     """Joint motion per motion of each drive, shape (n_dofs, n_drives)."""
     free: Array
     """An orthonormal basis of the motions that no drive takes part in, shape (n_dofs, k)."""
+    internal: Array
+    """Forces of the drives that balance among themselves, shape (r, n_drives): a row has 1 for one
+    drive that ``driven`` leaves out, and what others that it does not must give against it."""
+    stopped: Array
+    """Joint motion per motion off each stop that bears what no drive does, shape (n_dofs, s)."""
+    bearing: tuple[int, ...]
+    """Which of the stops these are."""
+    beside: tuple[tuple[int, int, int], ...]
+    """Stops that bear what one drive does: stop, drive, and 1 where it adds to the drive's torque,
+    −1 where it takes from it.
+    """
 
 
-def transmission(drives: Array, couplings: Array) -> Transmission:
+def transmission(drives: Array, couplings: Array, stops: Array | None = None) -> Transmission:
     """Return how the drives move the joints.
 
     Args:
         drives: motion of each drive per joint motion, shape (n_drives, n_dofs).
         couplings: the joint motions for which ``couplings @ dq`` is not 0 are impossible,
             shape (p, n_dofs).
-
-    Drives that act on the same motion share its load, each in proportion to its moment arm.
+        stops: joint motions away from the stops that joints lean on, shape (n_stops, n_dofs).
     """
-    allowed = _null_space(couplings)
+    allowed = null_space(couplings)
     moved = drives @ allowed
+    off = np.zeros((0, allowed.shape[1])) if stops is None else stops @ allowed
+    carrying, bearing = _independent(moved), _bearing(off, moved)
+    others, count = [i for i in range(len(drives)) if i not in carrying], len(carrying)
+    either = np.vstack((moved[carrying], off[list(bearing)]))
+    inverse = np.linalg.pinv(either, rcond=RANK_TOLERANCE)
+    motions = _rounded(allowed @ inverse)
+    driven = np.zeros(drives.shape[::-1])
+    driven[:, carrying] = motions[:, :count]
+    internal = np.zeros((len(others), len(drives)))
+    internal[:, carrying] = _rounded(-moved[others] @ inverse[:, :count])
+    internal[np.arange(len(others)), others] = 1.0
+    beside: list[tuple[int, int, int]] = []
+    for i in range(len(off)):
+        shares = _rounded(off[i] @ inverse)
+        most = int(np.argmax(np.abs(shares))) if shares.any() else count
+        if i not in bearing and np.count_nonzero(shares) == 1 and most < count:
+            beside.append((i, carrying[most], int(np.sign(shares[most]))))
     return Transmission(
-        _rounded(allowed @ np.linalg.pinv(moved, rcond=RANK_TOLERANCE)),
-        _rounded(allowed @ _null_space(moved)),
-    )
+        driven, _rounded(allowed @ null_space(either)), internal, motions[:, count:], bearing,
+        tuple(beside),
+    )  # fmt: skip
 
 
 def connected_dofs(moving: NDArray[np.bool_], rows: Array) -> NDArray[np.intp]:
@@ -60,7 +99,52 @@ def connected_dofs(moving: NDArray[np.bool_], rows: Array) -> NDArray[np.intp]:
         moving = wider
 
 
-def _null_space(rows: Array) -> Array:
+def _independent(rows: Array) -> list[int]:
+    """Return which rows make a basis of them all, in their order; well conditioned, earlier first.
+
+    Of the rows at unit length, what those taken already leave of each is looked at, and the first
+    that keeps half of the most is taken: a small change of the rows seldom changes which.
+    """
+    sizes = np.linalg.norm(rows, axis=1)
+    left = rows / np.where(sizes > RANK_TOLERANCE * sizes.max(initial=0.0), sizes, np.inf)[:, None]
+    if np.linalg.matrix_rank(left, RANK_TOLERANCE) == len(rows):  # mostly: all would be taken
+        return list(range(len(rows)))
+    taken: list[int] = []
+    while True:
+        lengths = np.linalg.norm(left, axis=1)
+        most = lengths.max(initial=0.0)
+        if most <= RANK_TOLERANCE:
+            return sorted(taken)
+        first = int(np.argmax(lengths >= most / 2))
+        taken.append(first)
+        along = left[first] / lengths[first]
+        for _ in range(2):  # once more for what cancellation leaves
+            left = left - np.outer(left @ along, along)
+        left[first] = 0.0
+
+
+def _bearing(rows: Array, of: Array) -> tuple[int, ...]:
+    """Return which rows are independent of the rows ``of`` and of those chosen before them."""
+    chosen: list[int] = []
+    left = null_space(of) if len(rows) else of
+    for i, row in enumerate(rows):
+        beside = row @ left
+        size = float(np.linalg.norm(beside))
+        if size > 1e-6 * float(np.linalg.norm(row)):
+            chosen.append(i)
+            left = left @ null_space(beside[None])
+    return tuple(chosen)
+
+
+def independent_columns(matrix: Array) -> Array:
+    """Return the matrix, or where its columns depend on each other a basis of what they span."""
+    left, sizes, _ = np.linalg.svd(matrix, full_matrices=False)
+    rank = int((sizes > RANK_TOLERANCE * sizes.max(initial=0.0)).sum())
+    return matrix if rank == matrix.shape[1] else left[:, :rank]
+
+
+def null_space(rows: Array) -> Array:
+    """Return an orthonormal basis of what the rows take to 0, shape (n, k)."""
     n = rows.shape[1]
     if not rows.any():
         return np.eye(n)

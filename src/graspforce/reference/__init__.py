@@ -243,7 +243,7 @@ def derivatives(c: Array, problem: ForceProblem) -> tuple[Array, Array]:
     Returns:
         Shapes (m,) and (m, m) [1/N, 1/N², …].
     """
-    return equations.derivatives(c, problem.barriers)
+    return equations.derivatives(*_restricted(c, problem))
 
 
 def reduced_objective(lam: Array, c_p: Array, N: Array, problem: ForceProblem) -> float:
@@ -258,7 +258,7 @@ def reduced_objective(lam: Array, c_p: Array, N: Array, problem: ForceProblem) -
     Returns:
         A number [-]; inf outside the cones or the limits.
     """
-    return float(equations.reduced_objective(lam, c_p, N, problem.barriers))
+    return float(equations.reduced_objective(lam, *_moved(c_p, N, problem)))
 
 
 def reduced_derivatives(c: Array, N: Array, problem: ForceProblem) -> tuple[Array, Array]:
@@ -272,7 +272,7 @@ def reduced_derivatives(c: Array, N: Array, problem: ForceProblem) -> tuple[Arra
     Returns:
         Gradient, shape (q,), and Hessian, shape (q, q).
     """
-    return equations.reduced_derivatives(c, N, problem.barriers)
+    return equations.reduced_derivatives(*_moved(c, N, problem))
 
 
 def friction_residual(c: Array, models: Sequence[ContactModel]) -> float:
@@ -297,7 +297,7 @@ def friction_margins(c: Array, models: Sequence[ContactModel]) -> Array:
 
 
 def decrement(c: Array, problem: ForceProblem) -> float:
-    """Newton decrement at c of Phi / min(1, alpha) on {W c = f}; inf outside."""
+    """Newton decrement at c of Phi over its unit on {W c = f}; inf outside."""
     return decrement_and_error(c, problem)[0]
 
 
@@ -322,7 +322,13 @@ def violation_scales(problem: ForceProblem) -> tuple[Array, Array]:
 
 def _restricted(c: Array, problem: ForceProblem) -> tuple[Array, Barriers]:
     """The forces and barriers of the contacts that are in the grasp."""
-    return c[problem.active_components], problem.restricted().barriers
+    loaded = (c + problem.preload[: len(c)])[problem.active_forces[: len(c)]]
+    return loaded, problem.without_pulls().restricted().barriers
+
+
+def _moved(c: Array, N: Array, problem: ForceProblem) -> tuple[Array, Array, Barriers]:
+    """The forces with the preload of what pulls, N, and the barriers of both."""
+    return c + problem.preload[: len(c)], N, problem.without_pulls().barriers
 
 
 # ---- the paper's method -----------------------------------------------------------------------
@@ -340,16 +346,31 @@ def solve(problem: ForceProblem, settings: Settings, start: Array | None = None)
     failed = Status.INVALID_NUMBERS if may_overflow(problem.packed) else Status.STALLED
     with np.errstate(all="ignore"):
         try:
-            outcome = _solve(problem, settings, start)
+            if start is not None:
+                start = np.append(start, np.zeros(problem.layout.internals)) + problem.preload
+            outcome = _of_contacts(problem, _solve(problem.without_pulls(), settings, start))
         except np.linalg.LinAlgError:
-            return _empty_outcome(problem, failed)
+            return _of_contacts(problem, _empty_outcome(problem, failed))
     if not (np.isfinite(outcome.c).all() and np.isfinite(outcome.nu).all()):
-        return _empty_outcome(problem, failed)
+        return _of_contacts(problem, _empty_outcome(problem, failed))
     return outcome
 
 
+def _of_contacts(problem: ForceProblem, found: PlainOutcome) -> PlainOutcome:
+    """Return an outcome with c and the internal forces apart, and c without the preload.
+
+    Args:
+        problem: the problem as it was given.
+        found: of :meth:`graspforce.ForceProblem.without_pulls`, the internal forces behind c.
+    """
+    none = not found.c.any()  # zeros stand for no answer
+    forces = found.c if none else found.c - problem.preload
+    return replace(found, c=forces[: problem.m], internal_forces=forces[problem.m :])
+
+
 def _empty_outcome(problem: ForceProblem, status: Status) -> PlainOutcome:
-    return PlainOutcome(status, 0, np.zeros(problem.m), np.zeros(len(problem.f)))
+    forces = np.zeros(problem.m + problem.layout.internals)
+    return PlainOutcome(status, 0, forces, np.zeros(len(problem.f)))
 
 
 def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> PlainOutcome:
@@ -359,13 +380,13 @@ def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Pl
     W, f = inner.equalities
     if not equations.wrench_reachable(W, f):
         return _hold_nearest(problem, settings, start)
-    if not inner.n:
+    if not inner.n and not problem.layout.internals:
         nu = _soft_multipliers(problem, np.zeros(problem.m))
         return replace(_empty_outcome(problem, Status.SOLVED), decrement=0.0, nu=nu)
     c_p, N = particular_and_nullspace(W, f)
     lam = np.zeros(N.shape[1])
     if start is not None:
-        lam = N.T @ (start[problem.active_components] - c_p)
+        lam = N.T @ (start[problem.active_forces] - c_p)
     steps, inside = 0, well_inside(c_p + N @ lam, inner)
     given = start is not None and inside
     if not inside:
@@ -412,7 +433,7 @@ def _hold_nearest(problem: ForceProblem, settings: Settings, start: Array | None
     """Solve for the wrench nearest to f in the range of W, which does not hold f itself."""
     empty = _empty_outcome(problem, Status.WRENCH_UNREACHABLE)
     inner = problem.restricted()
-    if not inner.n:
+    if not inner.n and not problem.layout.internals:
         return empty
     nearest = problem.replace(f=project_wrench(inner))
     if not equations.wrench_reachable(*nearest.restricted().equalities):
@@ -455,7 +476,10 @@ def minimise(
         d = newton_step(gradient, hessian)
         steps += 1
         slope = float(gradient @ d)
-        length = math.sqrt(max(0.0, -slope) / barriers.unit)
+        if slope > 0:  # upwards: rounding has the last word in the Hessian
+            status = Status.STALLED
+            break
+        length = math.sqrt(-slope / barriers.unit)
         gamma = 1.0 if length < 0.25 else backtrack(lam, d, slope, c_p, N, barriers)
         if gamma == 0:
             status = Status.STALLED
@@ -481,7 +505,7 @@ def _set_normals(problem: ForceProblem) -> tuple[Array, Array]:
         return W, f
     normals = np.array(problem.starts[:-1])[problem.squeezed]
     squeezes = (problem.engagement * problem.c_max)[problem.squeezed]
-    return np.vstack((W, np.eye(problem.m)[normals])), np.append(f, squeezes)
+    return np.vstack((W, np.eye(W.shape[1])[normals])), np.append(f, squeezes)
 
 
 def _soft_multipliers(problem: ForceProblem, c: Array) -> Array:
@@ -489,5 +513,5 @@ def _soft_multipliers(problem: ForceProblem, c: Array) -> Array:
     nu = np.zeros(len(problem.f))
     soft = ~problem.exact
     if soft.any():
-        nu[soft] = (problem.f - problem.W @ c)[soft] / problem.f_soft[soft] ** 2
+        nu[soft] = (problem.f - problem.W @ c[: problem.m])[soft] / problem.f_soft[soft] ** 2
     return nu

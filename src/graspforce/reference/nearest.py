@@ -34,7 +34,7 @@ class Nearest(NamedTuple):
     """Where the search ended.
 
     Attributes:
-        c: the forces, shape (m,).
+        c: the forces, the internal ones behind those of the contacts, shape (m + r,).
         steps: Newton steps taken.
         found: whether they are strictly inside every cone and limit, and no others inside make a
             wrench nearer to f.
@@ -59,7 +59,7 @@ def move_inward(problem: ForceProblem, edge: Array, max_steps: int) -> Nearest:
 
     Args:
         problem: every contact in the grasp.
-        edge: the forces, shape (m,), which violate no limit by more than 1e-9 of its scale.
+        edge: the forces, shape (m + r,), which violate no limit by more than 1e-9 of its scale.
         max_steps: the most Newton steps.
     """
     first = _find_any(problem, max_steps)
@@ -81,7 +81,8 @@ def move_inward(problem: ForceProblem, edge: Array, max_steps: int) -> Nearest:
 def _find_any(problem: ForceProblem, max_steps: int) -> PhaseOne:
     """Forces well inside every cone and limit, whatever wrench they make."""
     free = problem.replace(f_soft=np.ones(len(problem.f)))
-    return find_inside(free, np.eye(problem.m), np.zeros(problem.m), max_steps, WELL_INSIDE)
+    forces = problem.m + problem.layout.internals
+    return find_inside(free, np.eye(forces), np.zeros(forces), max_steps, WELL_INSIDE)
 
 
 def find_nearest(problem: ForceProblem, known: Array, max_steps: int) -> Nearest:
@@ -92,20 +93,21 @@ def find_nearest(problem: ForceProblem, known: Array, max_steps: int) -> Nearest
 
     Args:
         problem: every contact in the grasp.
-        known: forces to return where none strictly inside are found, shape (m,).
+        known: forces to return where none strictly inside are found, shape (m + r,).
         max_steps: the most Newton steps.
     """
     exact, scales = problem.exact, problem.wrench_scales()
-    W, f, scales = problem.W[exact], problem.f[exact], scales[exact]
+    W, f, scales = problem.equalities[0][exact], problem.f[exact], scales[exact]
     size = float(np.abs(f / scales).max(initial=0)) or float(force_size(problem.barriers, f))
     softness = scales * size
-    N, first = np.eye(problem.m), _find_any(problem, max_steps)
+    first = _find_any(problem, max_steps)
     c, steps = first.c, first.steps
     if not strictly_inside(c, problem.barriers):
         return Nearest(known, steps)
     S, lack = W / softness[:, None], f / softness
     barriers = problem.barriers._replace(S=S, t=lack)
-    terms = 2 * problem.n + problem.alpha * len(barriers.b)
+    terms = barriers.cones.weigh(np.full(problem.n, 2.0), 0).sum() + problem.alpha * len(barriers.b)
+    origin, everywhere = np.zeros(len(c)), np.eye(len(c))
     share = 1.0
     while steps < max_steps:
         faded = barriers._replace(S=S / math.sqrt(share), t=lack / math.sqrt(share))
@@ -115,7 +117,7 @@ def find_nearest(problem: ForceProblem, known: Array, max_steps: int) -> Nearest
         d = -least_squares(G / columns, gradient) / columns
         steps += 1
         decrement = float(np.linalg.norm(G @ d))
-        gamma = backtrack(c, d, -barriers.unit * decrement**2, np.zeros(problem.m), N, faded)
+        gamma = backtrack(c, d, -barriers.unit * decrement**2, origin, everywhere, faded)
         c = c + gamma * d
         if gamma == 0 or decrement < CENTERED:
             cost = float(np.square(barriers.lack(c)).sum()) / 2

@@ -135,9 +135,9 @@ class _Relaxed:
         rows, cones = self.scales
         self.A = np.column_stack((self.barriers.A, -rows))
         self.b = self.barriers.b
-        push = np.zeros(problem.m)
+        push = np.zeros(self.barriers.A.shape[1])
         push[problem.starts[:-1]] = cones / problem.mu
-        self.lift = np.column_stack((np.eye(problem.m), push))
+        self.lift = np.column_stack((np.eye(len(push)), push))
 
     def least_sigma(self, c: Array) -> float:
         """The smallest slack that admits c."""

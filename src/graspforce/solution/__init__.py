@@ -23,6 +23,9 @@ from graspforce.problem import ForceProblem
 from graspforce.solution.missing import in_words
 from graspforce.solution.verification import Verification, verify
 
+# What has every attribute of an Outcome.
+_OUTCOMES = native.module.Outcome | PlainOutcome
+
 
 class SolveError(GraspForceError):
     """A solution was required to be SOLVED and is not; ``solution`` holds what was found."""
@@ -55,7 +58,8 @@ class Solution(native.SolutionBase):
     _problem: ForceProblem | Layout
 
     def __init__(self, outcome: Outcome, problem: ForceProblem | Layout) -> None:
-        require_instance(outcome, "outcome", Outcome)
+        # Not Outcome itself: to look a protocol's attributes up takes longer than a solve, 14 µs.
+        require_instance(outcome, "outcome", _OUTCOMES, "an Outcome")
         require_instance(problem, "problem", ForceProblem | Layout, "a ForceProblem")
         self._outcome = outcome
         self._problem = problem
@@ -119,7 +123,10 @@ class Solution(native.SolutionBase):
 
     @property
     def decrement(self) -> float:
-        """Certified bound on the Newton decrement at c, for Phi / min(1, alpha); or inf."""
+        """Certified bound on the Newton decrement at c, for Phi over its unit; or inf.
+
+        The unit is the least of alpha, the weights of the cones and 1.
+        """
         return self._outcome.decrement
 
     @property
@@ -139,7 +146,9 @@ class Solution(native.SolutionBase):
         With the decrement bounded by λ₁ < 1, a standard self-concordant function is within
         −λ₁ − ln(1 − λ₁) of its minimum.
         """
-        return min(1.0, self.problem.alpha) * equations.suboptimality(self._outcome.decrement)
+        inner = self.problem.restricted()
+        unit = min(1.0, inner.alpha, *inner.cone_weight.tolist())
+        return unit * equations.suboptimality(self._outcome.decrement)
 
     @property
     def violation(self) -> float:
@@ -165,7 +174,7 @@ class Solution(native.SolutionBase):
             case Status.SOLVED:
                 return (
                     f"solved in {self.newton_steps} Newton steps; "
-                    f"Phi is within {self.suboptimality:.1e} of its minimum"
+                    f"Phi is within {self.suboptimality:.1e} of its minimum{self._as_asked()}"
                 )
             case Status.INFEASIBLE:
                 return (
@@ -195,6 +204,15 @@ class Solution(native.SolutionBase):
             case Status.INVALID_NUMBERS:
                 return "the problem's numbers overflow in double precision; rescale them"
 
+    def _as_asked(self) -> str:
+        count = self.problem.undetermined
+        if not count:
+            return ""
+        return (
+            f"; {count} of {self.problem.m} force components are as asked: neither W c = f nor "
+            "the torques determine them"
+        )
+
     def raise_if_failed(self) -> None:
         """Raise unless SOLVED.
 
@@ -212,13 +230,47 @@ class Solution(native.SolutionBase):
     @property
     def phi(self) -> float:
         """The objective at c: Phi of Eq. (16), and ½‖(W c − f)/f_soft‖² with it; inf outside."""
-        inner = self.problem.restricted()
-        return float(equations.objective(self.c[self.problem.active_components], inner.barriers))
+        problem, forces = self.without_pulls()
+        inner = problem.restricted()
+        return float(equations.objective(forces[problem.active_forces], inner.barriers))
+
+    def without_pulls(self) -> tuple[ForceProblem, Array]:
+        """Return the problem whose cones are all ordinary, and its forces: what proofs speak of.
+
+        Returns:
+            The problem :meth:`graspforce.ForceProblem.without_pulls`, and c with its preload, the
+            internal forces of the motors behind it, shape (m + r,).
+        """
+        problem = self.problem
+        forces = np.append(self.c, self.internal_forces) + problem.preload
+        return problem.without_pulls(), forces
 
     @property
     def tau(self) -> Array:
-        """Joint torques J.T c + tau_bias, shape (n_joints,) [N·m]; empty without J."""
-        return equations.joint_torques(self.c, self.problem.J, self.problem.tau_bias)
+        """Joint torques J.T c + tau_bias, shape (n_joints,) [N·m]; empty without J.
+
+        Where J is by motors that are more than the motions, their forces, ``problem.internal`` and
+        :attr:`internal_forces` included: see :attr:`motor_forces`.
+        """
+        problem = self.problem
+        tau = equations.joint_torques(self.c, problem.J, problem.tau_bias)
+        if problem.layout.internals:
+            tau = tau + problem.internal.T @ self.internal_forces
+        return tau
+
+    @property
+    def motor_forces(self) -> Array:
+        """What each motor gives, in the order of the columns of J [N·m; N for slides and tendons].
+
+        The same as :attr:`tau`: a hand's J has a column for each drive, a joint or tendon that
+        motors move, by the names ``grasp.joint_names``.
+        """
+        return self.tau
+
+    @property
+    def internal_forces(self) -> Array:
+        """The factors v of ``problem.internal``, by which motors pull against each other, (r,)."""
+        return self._outcome.internal_forces
 
     @property
     def normal_forces(self) -> Array:
@@ -254,20 +306,28 @@ class Solution(native.SolutionBase):
         return forces
 
     @property
+    def _loaded(self) -> Array:
+        """Contact forces with the preload of what pulls: what the ordinary cones hold, (m,)."""
+        problem = self.problem
+        return self.c + problem.preload[: problem.m] if problem.layout.pulls else self.c
+
+    @property
     def friction_margins(self) -> Array:
         """Margins mu n − ‖tangential force‖, shape (n,) [N]; negative where a contact slips.
 
-        FPC: the normal force. SFC: the torsion counts as (mu/gamma)·torsion. A contact that is
-        out of the grasp has no margin: inf.
+        FPC: the normal force. SFC: the torsion counts as (mu/gamma)·torsion. n is the normal force
+        and what the contact pulls with (``pull``). A contact that is out of the grasp has no
+        margin: inf. Where ``problem.undetermined`` is above 0, margins are those of the forces
+        asked for: other forces take the same wrench and torques.
         """
-        margins = equations.friction_margins(self.c, self.problem.cones)
+        margins = equations.friction_margins(self._loaded, self.problem.cones)
         return np.where(self.problem.active, margins, np.inf)
 
     @property
     def friction_residual(self) -> float:
         """r_f of Eq. (22) over the contacts in the grasp [N²]; inf when there is none."""
         inner = self.problem.restricted()
-        c = self.c[self.problem.active_components]
+        c = self._loaded[self.problem.active_components]
         return float(equations.friction_residual(c, inner.cones))
 
     @property
@@ -339,6 +399,6 @@ class Solution(native.SolutionBase):
         raw = self._outcome
         plain = PlainOutcome(
             raw.status, raw.newton_steps, raw.c, raw.nu, raw.decrement, raw.violation, raw.y, raw.z,
-            raw.start, raw.elapsed_us, raw.nearest,
+            raw.start, raw.elapsed_us, raw.internal_forces, raw.nearest,
         )  # fmt: skip
         return (Solution, (plain, self.problem))

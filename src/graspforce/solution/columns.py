@@ -8,7 +8,7 @@ once; a problem with a contact out of the grasp is computed by its own Solution.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from itertools import accumulate
 from typing import Any, overload
@@ -21,11 +21,11 @@ from graspforce._engine.layout import Layout
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.equations import Barriers, Cones
-from graspforce.problem import all_limits, soft_rows
+from graspforce.problem import all_limits, preload, soft_rows, without_pulls
 from graspforce.solution import Solution
 
 # Most solutions computed together; bounds the memory for their limits.
-_CHUNK = 4096
+ROWS_AT_ONCE = 4096
 
 
 class Columns(Sequence[Solution]):
@@ -100,6 +100,16 @@ class Columns(Sequence[Solution]):
         """Least relative violations of the limits where INFEASIBLE, else 0, shape (B,)."""
         return self._column("violation")
 
+    @property
+    def nearest(self) -> NDArray[np.bool_]:
+        """Which c are for the nearest wrench, see :attr:`Solution.nearest`, shape (B,)."""
+        return self._column("nearest")
+
+    @property
+    def missing(self) -> Array:
+        """What c lacks of the wrenches, f − W c, shape (B, k) [N, N·m]."""
+        return self._column("missing")
+
     # ---- what follows from the problems' data -------------------------------------------------
 
     @property
@@ -154,7 +164,7 @@ class Columns(Sequence[Solution]):
     def rows(self, name: str) -> list[Any]:
         """Return an attribute of every Solution, each of its own length."""
         if name not in self._rows:
-            function = _FROM_DATA.get(name)
+            function = FROM_DATA.get(name)
             if function is None:
                 values: list[Any] = [getattr(each, name) for each in self._solutions]
             else:
@@ -162,7 +172,7 @@ class Columns(Sequence[Solution]):
             self._rows[name] = values
         return self._rows[name]
 
-    def _computed(self, name: str, function: Callable[[_Chunk], Array]) -> list[Any]:
+    def _computed(self, name: str, function: Callable[[ProblemRows], Array]) -> list[Any]:
         values: list[Any] = [None] * len(self)
         for indices, chunk in self._chunks:
             for index, value in zip(indices, function(chunk), strict=True):
@@ -178,17 +188,25 @@ class Columns(Sequence[Solution]):
         return self._columns[name]
 
     @cached_property
-    def _chunks(self) -> list[tuple[list[int], _Chunk]]:
+    def _chunks(self) -> list[tuple[list[int], ProblemRows]]:
         """Solutions of one layout with all contacts in the grasp, by their indices."""
         same: defaultdict[Layout, list[int]] = defaultdict(list)
         for index, solution in enumerate(self._solutions):
             if solution.problem.active.all():
                 same[solution.problem.layout].append(index)
         return [
-            (part, _Chunk(layout, [self._solutions[index] for index in part]))
+            (part, self._together(layout, [self._solutions[index] for index in part]))
             for layout, indices in same.items()
-            for part in (indices[k : k + _CHUNK] for k in range(0, len(indices), _CHUNK))
+            for part in (
+                indices[k : k + ROWS_AT_ONCE] for k in range(0, len(indices), ROWS_AT_ONCE)
+            )
         ]
+
+    @staticmethod
+    def _together(layout: Layout, solutions: Sequence[Solution]) -> ProblemRows:
+        packed = np.array([each.problem.packed for each in solutions])
+        forces = np.array([np.append(each.c, each.internal_forces) for each in solutions])
+        return ProblemRows(layout, forces, layout.views(packed))
 
     def __repr__(self) -> str:
         return f"Columns({len(self)} solutions, {int(self.solved.sum())} solved)"
@@ -205,49 +223,88 @@ def stacked(rows: Sequence[Any]) -> NDArray[Any]:
     return stack
 
 
-class _Chunk:
-    """The data and forces of G solutions whose problems have one layout and all their contacts."""
+class ProblemRows:
+    """The data and forces of G problems of one layout with all their contacts in the grasp.
 
-    def __init__(self, layout: Layout, solutions: Sequence[Solution]) -> None:
-        self.layout = layout
-        self.c = np.array([each.c for each in solutions])
-        self.data = layout.views(np.array([each.problem.packed for each in solutions]))
-        self.cones = Cones.of(layout.dims, self.data["mu"], self.data["gamma"])
+    Args:
+        layout: of the problems.
+        forces: theirs, and the internal ones of the motors behind them, shape (G, m + r) [N, N·m].
+        data: their fields by name, each with a leading axis of length G; see
+            :meth:`graspforce._engine.layout.Layout.views`.
+    """
+
+    def __init__(self, layout: Layout, forces: Array, data: Mapping[str, Array]) -> None:
+        self.layout, self.forces, self.data = layout, forces, data
+        self.c = forces[:, : sum(layout.dims)]
+        self.loaded = forces + preload(layout, data)  # what the ordinary cones and limits hold
+        weight = data["cone_weight"] if layout.cone_weights else None
+        self.cones = Cones.of(layout.dims, data["mu"], data["gamma"], weight)
+
+    @property
+    def barriers(self) -> Barriers:
+        """The terms of Eq. (16), of the forces ``loaded``."""
+        layout, data = without_pulls(self.layout, self.data)
+        A, b = all_limits(layout, data)
+        soft = soft_rows(data) if layout.soft_wrench else ()
+        return Barriers(self.cones, A, b, data["alpha"], *soft)
+
+    @property
+    def equalities(self) -> tuple[Array, Array]:
+        """W, shape (G, k, m + r), and f of W loaded = f, with zeros for the soft rows."""
+        _, data = without_pulls(self.layout, self.data)
+        W, f = data["W"], data["f"]
+        W = np.concatenate((W, np.zeros((*f.shape, self.layout.internals))), axis=-1)
+        if not self.layout.soft_wrench:
+            return W, f
+        exact = data["f_soft"] == 0
+        return W * exact[..., None], f * exact
 
     def tau(self) -> Array:
-        return equations.joint_torques(self.c, self.data["J"], self.data["tau_bias"])
+        """Joint torques."""
+        arms = np.concatenate((self.data["J"], self.data["internal"]), axis=1)
+        return equations.joint_torques(self.forces, arms, self.data["tau_bias"])
 
     def normal_forces(self) -> Array:
+        """Normal forces."""
         return self.c[:, list(accumulate(self.layout.dims, initial=0))[:-1]]
 
     def torque_margins(self) -> Array:
+        """Distances of the joint torques to their nearer limits."""
         return equations.torque_margins(self.tau(), self.data["tau_lo"], self.data["tau_hi"])
 
     def torque_residual(self) -> Array:
+        """The smallest of them."""
         return self.torque_margins().min(axis=1, initial=np.inf)
 
     def wrench_error(self) -> Array:
+        """Largest |W c − f|."""
         return equations.wrench_error(self.c, self.data["W"], self.data["f"])
 
+    def missing(self) -> Array:
+        """What c lacks of the wrenches, f − W c."""
+        return self.data["f"] - (self.data["W"] @ self.c[..., None])[..., 0]
+
     def friction_margins(self) -> Array:
-        return equations.friction_margins(self.c, self.cones)
+        """Margins to slipping."""
+        return equations.friction_margins(self.loaded[:, : self.c.shape[1]], self.cones)
 
     def friction_residual(self) -> Array:
-        return equations.friction_residual(self.c, self.cones)
+        """r_f of Eq. (22)."""
+        return equations.friction_residual(self.loaded[:, : self.c.shape[1]], self.cones)
 
     def phi(self) -> Array:
-        A, b = all_limits(self.layout, self.data)
-        soft = soft_rows(self.data) if self.layout.soft_wrench else ()
-        return equations.objective(self.c, Barriers(self.cones, A, b, self.data["alpha"], *soft))
+        """The objective, Eq. (16)."""
+        return equations.objective(self.loaded, self.barriers)
 
 
-_FROM_DATA: dict[str, Callable[[_Chunk], Array]] = {
-    "tau": _Chunk.tau,
-    "normal_forces": _Chunk.normal_forces,
-    "friction_margins": _Chunk.friction_margins,
-    "friction_residual": _Chunk.friction_residual,
-    "torque_margins": _Chunk.torque_margins,
-    "torque_residual": _Chunk.torque_residual,
-    "wrench_error": _Chunk.wrench_error,
-    "phi": _Chunk.phi,
+FROM_DATA: dict[str, Callable[[ProblemRows], Array]] = {
+    "tau": ProblemRows.tau,
+    "normal_forces": ProblemRows.normal_forces,
+    "friction_margins": ProblemRows.friction_margins,
+    "friction_residual": ProblemRows.friction_residual,
+    "torque_margins": ProblemRows.torque_margins,
+    "torque_residual": ProblemRows.torque_residual,
+    "wrench_error": ProblemRows.wrench_error,
+    "missing": ProblemRows.missing,
+    "phi": ProblemRows.phi,
 }

@@ -39,8 +39,11 @@ class Verification:
         wrench_error: largest |W c − f| [N, N·m].
         friction_margin: smallest of the friction margins [N].
         limit_margin: smallest slack of the linear limits, in each limit's own unit.
-        decrement: Newton decrement of Phi / min(1, alpha) at c, from NumPy; inf outside.
+        decrement: Newton decrement of Phi over its unit at c, from NumPy; inf outside.
         certificate_holds: the certificate proves infeasibility; None when there is none.
+        undetermined: how many components of c neither W c = f nor the torques determine: they, and
+            what of the friction margin is theirs, are as asked, and need not come about. 0
+            without J.
     """
 
     ok: bool
@@ -49,6 +52,7 @@ class Verification:
     limit_margin: float
     decrement: float
     certificate_holds: bool | None
+    undetermined: int
 
 
 def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
@@ -58,8 +62,10 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
         outcome: its status, forces, multipliers, bound, violation and certificate.
         problem: the problem that it solved.
     """
-    active = problem.active_components
-    inner, whole, c = problem.restricted(), outcome.c, outcome.c[active]
+    active = problem.active_forces
+    whole = np.append(outcome.c, outcome.internal_forces) + problem.preload
+    problem = problem.without_pulls()
+    inner, c = problem.restricted(), whole[active]
     barriers = inner.barriers
     with np.errstate(all="ignore"):
         friction = float(equations.friction_margins(c, barriers.cones).min(initial=math.inf))
@@ -90,9 +96,15 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
                 ok = True
             case Status.INVALID_NUMBERS:
                 ok = equations.may_overflow(problem.packed)
-        wrench_error = float(equations.wrench_error(whole, problem.W, problem.f))
+        wrench_error = float(equations.wrench_error(whole[: problem.m], problem.W, problem.f))
     return Verification(
-        bool(ok and bounded and well_formed), wrench_error, friction, limits, decrement, holds
+        bool(ok and bounded and well_formed),
+        wrench_error,
+        friction,
+        limits,
+        decrement,
+        holds,
+        problem.undetermined,
     )
 
 

@@ -468,6 +468,10 @@ def _fitting_models(
             f"models: got {len(each)} contacts, expected at most {MOST_CONTACTS}; for more use "
             "graspforce.solve"
         )
+    if any(model.pull > 0 for model in each):
+        raise InvalidInputError(
+            "models: got contacts that pull, expected none; for these use graspforce.solve"
+        )
     return each
 
 

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
 from graspforce.contact import Contact, ContactModel, model_of
-from graspforce.hands.mujoco.model import loose_bodies, mujoco_module
+from graspforce.hands.mujoco.model import (
+    adhesion_force,
+    adhesions,
+    loose_bodies,
+    mujoco_module,
+)
 
 Indices: TypeAlias = NDArray[np.intp]
 
@@ -33,13 +38,16 @@ class Contacts(NamedTuple):
     """Components of each: 1 for FPC, 3 for PCWF, 4 for SFC."""
     mu: Array
     gamma: Array
+    pull: Array
+    """What adhesion holds each with, shape (n,) [N]."""
     left_out: Indices
     """Bodies that make contacts which are left out; −1 for a deformable one."""
 
     @property
     def models(self) -> tuple[ContactModel, ...]:
         """The contact models that lie within MuJoCo's cones."""
-        numbers = zip(self.dims.tolist(), self.mu.tolist(), self.gamma.tolist(), strict=True)
+        arrays = (self.dims, self.mu, self.gamma, self.pull)
+        numbers = zip(*(array.tolist() for array in arrays), strict=True)
         return tuple(model_of(*each) for each in numbers)
 
     @property
@@ -59,7 +67,10 @@ class Contacts(NamedTuple):
         return wrenches[self._components]
 
     def forces(self, model: Any, data: Any) -> Array:
-        """Return the physics' contact forces, shape (m,)."""
+        """Return the physics' contact forces, shape (m,).
+
+        MuJoCo's are of the contact alone: what adhesion pulls with is taken off.
+        """
         mj = mujoco_module()
         c = np.zeros((len(self.places), 6))
         for force, place in zip(c, self.places.tolist(), strict=True):
@@ -67,6 +78,7 @@ class Contacts(NamedTuple):
         # MuJoCo's is on the second geom. With the other sign its axes normal and y are turned
         # round, so that of its components only that along x changes its sign.
         c[:, 1] *= self.side
+        c[:, 0] -= self.pull
         return c[:, :4][self._components]
 
     @property
@@ -90,6 +102,7 @@ class ContactReader:
         self._of_object: NDArray[np.bool_] = np.append(inside[model.geom_bodyid], False)
         self._body_of_geom: Indices = np.append(model.geom_bodyid, 0)
         self._floating = loose_bodies(model, np.zeros((0, model.nv)))
+        self._adhesions = adhesions(model)
 
     def read(self, data: Any, moments: Array) -> Contacts:
         """Return the contacts that the data list.
@@ -111,14 +124,31 @@ class ContactReader:
             usable &= ~loose_bodies(self._model, moments)[bodies[:, 0]]
         left_out = np.where(deformable, -1, bodies[:, 0])[active & ~usable]
         places = np.flatnonzero(active & usable)
+        pull = self._pulls(data)[places]
         side = np.where(second[places], 1.0, -1.0)
         # MuJoCo's normal points from the first geom to the second; x stays, and y follows.
         axes = seen.frame[places].reshape(-1, 3, 3)
         axes[:, ::2] *= side[:, None, None]
         return Contacts(
             places, ordered[places], bodies[places], side, seen.pos[places], axes,
-            *_friction(seen.dim[places], seen.friction[places]), left_out,
+            *_friction(seen.dim[places], seen.friction[places]), pull, left_out,
         )  # fmt: skip
+
+    def _pulls(self, data: Any) -> Array:
+        """Return what adhesion holds each of ``data.contact`` with, shape (ncon,) [N].
+
+        MuJoCo shares an adhesion's force evenly among all contacts of its body, those in the gap
+        included, and of no deformable one.
+        """
+        seen = data.contact
+        pulls = np.zeros(len(seen.dist))
+        for motor, body in self._adhesions:
+            of_body = self._body_of_geom[seen.geom] == body
+            sharing = of_body.any(axis=1) & (seen.geom >= 0).all(axis=1) & (seen.exclude < 2)
+            if sharing.any():
+                force = adhesion_force(self._model, data, motor)
+                pulls[sharing] += force / int(sharing.sum())
+        return pulls
 
 
 def cross_matrices(arms: Array) -> Array:

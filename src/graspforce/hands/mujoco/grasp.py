@@ -14,32 +14,51 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._util.arrays import Array, as_tuple, came, index_of
-from graspforce.contact import Contact, ContactModel, as_contacts
+from graspforce._util.arrays import Array, as_tuple
+from graspforce.contact import Contact, ContactModel, as_contacts, patch_weights
 from graspforce.errors import InvalidInputError, warn
 from graspforce.grasp_map import map_about
-from graspforce.hands.configuration import Motors, choose_motors, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    Motors,
+    choose_motors,
+    locking_rows,
+    notes_of,
+    stop_notes,
+    undetermined_notes,
+    warnings_of,
+)
 from graspforce.hands.hand import Actuation
-from graspforce.hands.imported import as_fingertips, as_link
+from graspforce.hands.imported import as_fingertips
 from graspforce.hands.limits import as_tau_max, has_motor
-from graspforce.hands.mujoco.contacts import ContactReader, Indices, cross_matrices
+from graspforce.hands.loops import HOPELESS, WORTH_SAYING, largest_gap, rows_of
+from graspforce.hands.mujoco.contacts import ContactReader, Indices
 from graspforce.hands.mujoco.model import (
     Drive,
+    StopReader,
+    as_body,
     bias_forces,
     body_of,
-    coupling_rows,
+    couplings,
     dof_names,
     dofs_above,
     drive_rows,
     drives,
+    every_dof,
     joints_as_drives,
     links_of,
     mocap_bodies,
     mujoco_module,
     name_of,
     taking_part,
+    turning,
 )
-from graspforce.hands.transmission import Transmission, connected_dofs, transmission
+from graspforce.hands.mujoco.object import HeldObject
+from graspforce.hands.stops import Stops
+from graspforce.hands.transmission import (
+    Transmission,
+    connected_dofs,
+    transmission,
+)
 
 
 class _Hand(NamedTuple):
@@ -53,6 +72,7 @@ class _Hand(NamedTuple):
     """Gradients of the active equalities between joints, shape (p, nv)."""
     dofs: Indices
     motors: Motors[Drive]
+    stops: Stops
     transmission: Transmission
 
 
@@ -85,6 +105,8 @@ class MujocoGrasp:
             without a motor that it names gets one; where the model has no motors, one number
             makes motors of all hinges and slides that follow no other joint and are not the
             object's.
+        locked: joints that are held whatever the contacts do to them, as by brakes.
+        motors: the joints and tendons that have motors, in place of what the model says.
 
     Attributes:
         origin: the object's centre of mass, about which torques are taken, shape (3,) [m].
@@ -97,10 +119,17 @@ class MujocoGrasp:
             gravity, Coriolis forces, and what springs, dampers and fluids do to the joints.
         passive_rows: virtual work of c over the motions that no motor moves, shape (k, m).
         passive_loads: what it has to be, shape (k,).
+        internal: forces of the motors that balance among themselves, shape (r, n_joints), where
+            they are more than the motions; it changes with the moment arms, as J does.
+        A: limits ``A c ≤ b`` of stops that joints lean on and that only push, shape (p, m).
+        b: shape (p,).
+        motions: the motions that the object's own joints leave it, shape (6, k), as
+            [linear at ``origin``; angular]; None where it moves freely, or motors carry it.
 
     Raises:
         MissingExtraError: MuJoCo is not installed.
-        InvalidInputError: a name that is not there; an object that is fixed; as :meth:`update`.
+        InvalidInputError: a name that is not there; an object that is fixed; a closed linkage that
+            is open; as :meth:`update`.
         ModelImportError: a joint or tendon with a motor but without a torque limit.
 
     Warns:
@@ -117,7 +146,12 @@ class MujocoGrasp:
     tau_bias: Array
     passive_rows: Array
     passive_loads: Array
+    internal: Array
+    A: Array
+    b: Array
+    motions: Array | None
     actuation: Actuation
+    from_simulator = True
 
     def __init__(
         self,
@@ -126,6 +160,8 @@ class MujocoGrasp:
         object_body: str | int,
         joints: Sequence[str] | None = None,
         tau_max: float | Mapping[str, float] | None = None,
+        locked: Sequence[str] = (),
+        motors: Sequence[str] | None = None,
     ) -> None:
         mj = mujoco_module()
         if not isinstance(model, mj.MjModel):
@@ -133,27 +169,24 @@ class MujocoGrasp:
                 f"model: got a {type(model).__name__}, expected an mujoco.MjModel"
             )
         self._model = model
-        self._body = _as_body(model, object_body, "object_body")
-        self._top = int(model.body_weldid[self._body])
-        if not self._top:
-            raise InvalidInputError(
-                f"object_body: {object_body!r} is fixed to the world, expected a body that can move"
-            )
-        inside = np.zeros(model.nbody, dtype=bool)
-        for body in range(self._top, model.nbody):  # a body comes after its parent
-            inside[body] = body == self._top or inside[model.body_parentid[body]]
+        self._object = HeldObject(model, object_body)
+        inside = self._object.inside
         self._drives, self._motor_notes = drives(model)
-        self._drives += joints_as_drives(model, self._drives, tau_max, inside)
+        self._drives += joints_as_drives(model, self._drives, tau_max, motors, inside)
+        if motors is not None:
+            self._drives = [each for each in self._drives if each.limit.name in motors]
+        self._motors, self._locked = motors, as_tuple(locked, "locked", str)
+        self._held = locking_rows(self._locked, dof_names(model, every_dof(model)))
+        self._stops, self._turns = StopReader(model), turning(model)
         self._chosen = None if joints is None else _indices(joints, self._drives)
         self._given = as_tau_max(tau_max, [each.limit.name for each in self._drives])
         above = dofs_above(model)
         # How a body at a contact moves relative to the object, per joint rate: as it does, or if
         # it belongs to the object, as the object does relative to it.
         self._acting = above.astype(float)
-        self._acting[inside] = -1.0 * (above[inside] & ~above[self._top])
+        self._acting[inside] = -1.0 * (above[inside] & ~self._object.carrying)
         self._above = above
         self._reader = ContactReader(model, inside)
-        self._root_of_dof = model.body_rootid[model.dof_bodyid]
         self._hand: _Hand | None = None
         self.update(data)
         warn(*self._warnings())
@@ -165,34 +198,47 @@ class MujocoGrasp:
             data: ``mujoco.MjData`` of the model, after ``mj_step``, ``mj_step1`` or ``mj_forward``.
 
         Raises:
-            InvalidInputError: data of another model, or in which nothing is computed yet.
+            InvalidInputError: data of another model, or in which nothing is computed yet, or in
+                which a closed linkage is open by more than a tenth of its size.
             ModelImportError: another joint has come to take part, which has no torque limit.
         """
         model = self._model
         _require_data(data, model)
-        moments, couplings = drive_rows(model, data, self._drives), coupling_rows(model, data)
-        computed = data.xquat[self._top].any() and (moments.any() or not self._drives)
+        moments, tied = drive_rows(model, data, self._drives), couplings(model, data)
+        computed = data.xquat[self._object.top].any() and (moments.any() or not self._drives)
         if not computed:
             raise InvalidInputError(
                 "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
             )
+        gap = largest_gap(tied, self._turns)
+        if gap.share > HOPELESS:
+            raise InvalidInputError(
+                f"data: the closed linkage of {' and '.join(gap.between)} is open by "
+                f"{1000 * gap.metres:.3g} mm, expected it closed: step the simulation until it is, "
+                "or let hands.from_mjcf close it"
+            )
         contacts = self._reader.read(data, moments)
         acting = self._acting[contacts.bodies].sum(axis=1)
-        hand = self._hand_of(np.any(acting != 0, axis=0), moments, couplings)
-        origin = np.array(data.subtree_com[self._top])
+        coupled = np.vstack((rows_of(tied, self._turns), self._held)) if tied else self._held
+        stops = self._stops.read(data)
+        hand = self._hand_of(np.any(acting != 0, axis=0), moments, coupled, stops)
+        origin = self._object.centre(data)
         wrenches = contacts.wrenches(origin)
-        screws = self._read_screws(data, hand.dofs, origin)
+        screws = self._object.screws(data, hand.dofs)
         full = wrenches @ screws.T
         full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
         bias = bias_forces(model, data)[hand.dofs]
         actuation = hand.motors.actuation(hand.transmission, full, bias)
         self._contacts, self._hand, self._screws = contacts, hand, screws
+        self._gap, self._tied = gap, tied
         self.origin, self.actuation = origin, actuation
+        self.motions = self._object.motions(data, moments, coupled)
         self.W = np.ascontiguousarray(wrenches.T)
-        (
-            self.joint_names, self.J, self.tau_lo, self.tau_hi, self.tau_bias,
-            self.passive_rows, self.passive_loads,
-        ) = actuation  # fmt: skip
+        self.joint_names, self.J = actuation.joint_names, actuation.J
+        self.tau_lo, self.tau_hi = actuation.tau_lo, actuation.tau_hi
+        self.tau_bias, self.internal = actuation.tau_bias, actuation.internal
+        self.passive_rows, self.passive_loads = actuation.passive_rows, actuation.passive_loads
+        self.A, self.b = actuation.A, actuation.b
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
@@ -221,9 +267,22 @@ class MujocoGrasp:
         hand = self._found
         notes = [
             *self._warnings(),
-            *notes_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
+            *notes_of(
+                hand.motors,
+                hand.transmission,
+                dof_names(self._model, hand.dofs),
+                self._locked,
+                self._model.dof_frictionloss[hand.dofs],
+            ),
             *self._motor_notes,
+            *stop_notes(hand.stops, hand.transmission),
+            *self._object.notes(hand.moments, self.motions),
         ]
+        if self._gap.share > WORTH_SAYING:
+            notes.append(
+                f"the closed linkage of {' and '.join(self._gap.between)} is open by "
+                f"{1000 * self._gap.metres:.3g} mm: J is off by about {self._gap.share:.1%}"
+            )
         absent = self.fingers_without_contact()
         if absent:
             notes.append(f"not in contact with {self.object_name!r}: {', '.join(absent)}")
@@ -231,12 +290,18 @@ class MujocoGrasp:
             notes.append(
                 "the simulation's friction pyramids lie inside the exact cones of the grasp"
             )
-        return tuple(notes)
+        W = self.W if self.motions is None else self.motions.T @ self.W
+        return (*notes, *undetermined_notes(W, self.passive_rows, self.J))
 
     @property
     def object_name(self) -> str:
         """The name of the object's body."""
-        return name_of(self._model, mujoco_module().mjtObj.mjOBJ_BODY, self._body)
+        return self._object.name
+
+    @property
+    def pull(self) -> Array:
+        """What adhesion holds each contact with as it is controlled now, shape (n,) [N]."""
+        return self._contacts.pull
 
     @property
     def geoms(self) -> Indices:
@@ -257,6 +322,11 @@ class MujocoGrasp:
     def normals(self) -> Array:
         """The contacts' unit normals into the object, shape (n, 3)."""
         return self._contacts.axes[:, 0]
+
+    @property
+    def cone_weight(self) -> Array:
+        """Weights of the cones, shape (n,): points of one patch share 1, as in a Grasp."""
+        return patch_weights(self.normals, self.links)
 
     def jacobian(self, contacts: Sequence[Contact], links: Sequence[str | int]) -> Array:
         """Return J of contacts that do not come from MuJoCo: measured or planned ones.
@@ -279,7 +349,7 @@ class MujocoGrasp:
             raise InvalidInputError(
                 f"links: got {len(links)}, expected {len(given)}, one a contact"
             )
-        bodies = [_as_body(self._model, link, "links") for link in links]
+        bodies = [as_body(self._model, link, "links") for link in links]
         if self._chosen is None:
             elsewhere = np.delete(self._acting[bodies], hand.dofs, axis=1).any(axis=1)
             for link in np.array(links)[elsewhere].tolist():
@@ -312,6 +382,10 @@ class MujocoGrasp:
         driven[connected_dofs(np.any(hand.moments != 0, axis=0), hand.couplings)] = True
         fingers = (self._above & driven).any(axis=1) & ~self._touching()
         fingers[model.body_parentid] = False
+        for each in self._tied:  # the links of a closed linkage are one finger
+            linkage = (self._above & each.rows.any(axis=0)).any(axis=1)
+            if each.kind == "place" and (linkage & self._touching()).any():
+                fingers &= ~linkage
         body = mujoco_module().mjtObj.mjOBJ_BODY
         return [name_of(model, body, each) for each in np.flatnonzero(fingers).tolist()]
 
@@ -362,13 +436,15 @@ class MujocoGrasp:
             *warnings_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
         )
 
-    def _hand_of(self, moving: NDArray[np.bool_], moments: Array, couplings: Array) -> _Hand:
+    def _hand_of(
+        self, moving: NDArray[np.bool_], moments: Array, couplings: Array, stops: Stops
+    ) -> _Hand:
         """Return the hand that moves the degrees of freedom ``moving``; the last one if it does.
 
         Whatever it is made from is compared bit by bit, so that a hand whose moment arms change
         is made anew, and one with a motor a joint stays.
         """
-        key = (moving.tobytes(), moments.tobytes(), couplings.tobytes())
+        key = tuple(each.tobytes() for each in (moving, moments, couplings, stops.rows))
         if self._hand is not None and key == self._hand.key:
             return self._hand
         chosen, coupled = self._chosen, couplings
@@ -382,22 +458,15 @@ class MujocoGrasp:
             coupled = np.vstack((couplings, moments[holding]))
         dofs = connected_dofs(moving, np.vstack((moments, couplings)))
         if chosen is None:
-            chosen = taking_part(moments, dofs)
+            chosen = taking_part(moments * ~self._held.any(axis=0), dofs)
         acting = [self._drives[i] for i in chosen]
         names = {each.limit.name for each in acting}
         given = {name: size for name, size in self._given.items() if name in names}
-        motors = choose_motors(acting, given)
+        motors = choose_motors(acting, given, self._motors)
         rows = moments[[self._drives.index(each) for each in motors.drives]]
-        moved = transmission(rows[:, dofs], coupled[:, dofs])
-        return _Hand(key, moments, couplings, dofs, motors, moved)
-
-    def _read_screws(self, data: Any, dofs: Indices, origin: Array) -> Array:
-        """Return the motion by each joint's, [linear at ``origin``; angular], shape (n_dofs, 6)."""
-        about_root = data.cdof[dofs]  # [angular; linear] at the centre of mass of the dof's tree
-        angular = about_root[:, :3]
-        arm = origin - data.subtree_com[self._root_of_dof[dofs]]
-        linear = about_root[:, 3:] + (cross_matrices(arm) @ -angular[..., None])[..., 0]
-        return np.concatenate((linear, angular), axis=1)
+        leaned = stops.on(dofs, self._held)
+        moved = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
+        return _Hand(key, moments, couplings, dofs, motors, leaned, moved)
 
 
 def held_grasp(
@@ -406,13 +475,15 @@ def held_grasp(
     object_body: str | int,
     fingertips: Sequence[str] | None,
     tau_max: float | Mapping[str, float] | None,
+    locked: Sequence[str],
+    motors: Sequence[str] | None,
 ) -> MujocoGrasp:
     """Return the grasp of an object that fingers hold; see :meth:`graspforce.Grasp.from_mujoco`.
 
     Raises:
         InvalidInputError: as :class:`MujocoGrasp`; no finger touches, or not all ``fingertips``.
     """
-    grasp = MujocoGrasp(model, data, object_body, tau_max=tau_max)
+    grasp = MujocoGrasp(model, data, object_body, tau_max=tau_max, locked=locked, motors=motors)
     if fingertips is not None:
         grasp.require_contact(fingertips)
     if not grasp.joint_names and not grasp.touched_by_mocap():
@@ -426,24 +497,6 @@ def held_grasp(
             f"contact: {absent}"
         )
     return grasp
-
-
-def _as_body(model: Any, body: object, argument: str) -> int:
-    """Return a body's number, given that or its name."""
-    mj = mujoco_module()
-    if isinstance(body, str):
-        number = int(mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, body))
-        if number < 0:
-            names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
-            as_link(body, argument, [name for name in names if name])
-        return number
-    number = index_of(body)
-    if number is None or not 0 <= number < model.nbody:
-        raise InvalidInputError(
-            f"{argument}: got {came(body)}, expected a body's name or its number, below "
-            f"{model.nbody}"
-        )
-    return number
 
 
 def _indices(joints: Sequence[str], candidates: Sequence[Drive]) -> list[int]:

@@ -12,27 +12,40 @@ from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array, came
 from graspforce.errors import InvalidInputError, ModelImportError, warn
-from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    choose_motors,
+    locking_rows,
+    notes_of,
+    warnings_of,
+)
 from graspforce.hands.imported import (
     ImportedHand,
     as_fingertips,
     fingers_of,
 )
+from graspforce.hands.limits import DriveLimit
+from graspforce.hands.loops import Coupling, closed, rows_of
 from graspforce.hands.mujoco.model import (
     Drive,
     MujocoConfiguration,
+    StopReader,
     body_of,
-    coupling_rows,
+    couplings,
+    dof_names,
     dofs_above,
     drive_rows,
     drives,
+    every_dof,
+    is_plain_motor,
     joints_as_drives,
     links_of,
     loose_bodies,
     mujoco_module,
     name_of,
     taking_part,
+    turning,
 )
+from graspforce.hands.stops import no_stops
 from graspforce.hands.transmission import connected_dofs
 
 
@@ -40,12 +53,15 @@ def from_mjcf(
     source: str | Path | Any,
     fingertips: Sequence[str] | Mapping[str, str],
     tau_max: float | Mapping[str, float] | None = None,
+    locked: Sequence[str] = (),
+    motors: Sequence[str] | None = None,
 ) -> ImportedHand:
     """Read a hand from a MuJoCo model.
 
     A mount that floats (a free joint) is taken as held where the file has it. Joint equalities
     and closed linkages are followed; a joint or tendon without a motor becomes an equation that
-    the contact forces have to satisfy (``ImportedHand.passive_rows``).
+    the contact forces have to satisfy (``ImportedHand.passive_rows``), or where it leans on its
+    stop, an inequality.
 
     Args:
         source: an MJCF file, whose meshes need not be there, or an ``mujoco.MjModel``.
@@ -54,6 +70,8 @@ def from_mjcf(
             way only: one number for all drives, or by name [N·m; N for slides and tendons]. A
             joint without a motor that it names gets one; where the file has no motors, one
             number makes motors of all hinges and slides that follow no other joint.
+        locked: joints that are held whatever the contacts do to them, as by brakes.
+        motors: the joints and tendons that have motors, in place of what the file says.
 
     Returns:
         The hand, contacts in the frame of the model's world. What should not be believed
@@ -64,33 +82,96 @@ def from_mjcf(
         MissingExtraError: MuJoCo is not installed.
         ModelImportError: the file is missing or no model; a finger that no motor moves; a drive
             without a torque limit; a ball joint in a finger.
-        InvalidInputError: a fingertip or a name in tau_max that is not there.
+        InvalidInputError: a fingertip or a name in tau_max, locked or motors that is not there.
     """
     model, missing = _load(source)
     tips = as_fingertips(fingertips, links_of(model))
     bodies = tuple(dict.fromkeys(body_of(model, link) for link in tips.values()))
     candidates, motor_notes = drives(model)
-    candidates += joints_as_drives(model, candidates, tau_max)
+    candidates += joints_as_drives(model, candidates, tau_max, motors)
+    held = locking_rows(locked, dof_names(model, every_dof(model)))
     data = _evaluated(model, model.qpos0)
-    above = dofs_above(model)
-    moments = drive_rows(model, data, candidates)
+    above, moments = dofs_above(model), drive_rows(model, data, candidates)
+    tied = couplings(model, data)
     dofs = connected_dofs(
-        np.any(above[list(bodies)], axis=0), np.vstack((moments, coupling_rows(model, data)))
+        np.any(above[list(bodies)], axis=0),
+        np.vstack((moments, rows_of(tied, turning(model)))),
     )
-    motors = choose_motors([candidates[i] for i in taking_part(moments, dofs)], tau_max)
-    configuration = MujocoConfiguration(model, data, dofs, motors.drives)
-    fingers = fingers_of(configuration, motors, tips)
+    acting = taking_part(moments * ~held.any(axis=0), dofs)
+    chosen = choose_motors([candidates[i] for i in acting], tau_max, motors)
+    configuration = MujocoConfiguration(model, data, dofs, chosen.drives, held, no_stops(model.nv))
+    fingers = fingers_of(configuration, chosen, tips)
     robot = MujocoRobot(
-        model, dofs, motors.drives, _joints(model, dofs.tolist(), motors.joint_names),
-        _links(model, dofs, above, loose_bodies(model, moments)),
+        model, dofs, chosen.drives, _joints(model, dofs.tolist(), chosen.joint_names),
+        _links(model, dofs, above, loose_bodies(model, moments)), held, StopReader(model),
     )  # fmt: skip
-    told = (motors, configuration.transmission, configuration.dof_names)
+    told = (chosen, configuration.transmission, configuration.dof_names)
     warnings = (*missing, *warnings_of(*told))
     warn(*warnings)
+    notes = (*warnings, *notes_of(*told, locked, model.dof_frictionloss[dofs]), *motor_notes)
     return ImportedHand(
-        motors.joint_names, robot.q_names, motors.tau_lo, motors.tau_hi, fingers, tips,
-        tuple(tips.values()), (*warnings, *notes_of(*told), *motor_notes), robot,
+        chosen.joint_names, robot.q_names, chosen.tau_lo, chosen.tau_hi, fingers, tips,
+        tuple(tips.values()), notes, robot,
     )  # fmt: skip
+
+
+def default_fingertips(source: str | Path | Any, tau_max: Any = None) -> tuple[str, ...]:
+    """Return the last bodies of the chains that motors move, or the nearest body with a name.
+
+    Args:
+        source: as for :func:`from_mjcf`.
+        tau_max: likewise.
+
+    Raises:
+        ModelImportError: the file is missing or no model.
+    """
+    model, _ = _load(source)
+    candidates, _ = drives(model)
+    candidates += joints_as_drives(model, candidates, tau_max)
+    data = _evaluated(model, model.qpos0)
+    moments = drive_rows(model, data, candidates)
+    rows = np.vstack((moments, rows_of(couplings(model, data), turning(model))))
+    driven = np.zeros(model.nv, dtype=bool)
+    driven[connected_dofs(np.any(moments != 0, axis=0), rows)] = True
+    moved: NDArray[np.bool_] = np.any(dofs_above(model) & driven, axis=1)
+    last = moved.copy()
+    last[model.body_parentid[moved]] = False
+    named = set(links_of(model))
+    tips: list[str] = []
+    for body in np.flatnonzero(last).tolist():
+        kind = mujoco_module().mjtObj.mjOBJ_BODY
+        while moved[body] and name_of(model, kind, body) not in named:
+            body = int(model.body_parentid[body])
+        if moved[body]:
+            tips.append(name_of(model, kind, body))
+    return tuple(dict.fromkeys(tips))
+
+
+def limit_sources(model: Any, drive: Drive) -> str:
+    """Return which of the file's numbers limit a drive: ``forcerange, actuatorfrcrange``, say."""
+    mj, found = mujoco_module(), dict[str, None]()
+    moments = [model.actuator_outadr[i] for i in range(model.nactuator)]
+    if drive.output not in moments:
+        return ""
+    first = moments.index(drive.output)
+    kind, target = int(model.actuator_trntype[first]), int(model.actuator_trnid[first, 0])
+    for motor in range(model.nactuator):
+        same = (int(model.actuator_trntype[motor]), int(model.actuator_trnid[motor, 0]))
+        if same != (kind, target):
+            continue
+        if model.actuator_forcelimited[motor]:
+            found["forcerange"] = None
+        if model.actuator_gaintype[motor] == int(mj.mjtGain.mjGAIN_MUSCLE):
+            found["muscle's force"] = None
+        elif (
+            is_plain_motor(model, motor)
+            and model.actuator_ctrllimited[int(model.actuator_ctrladr[motor])]
+        ):
+            found["ctrlrange"] = None
+    which = "tendon" if kind == int(mj.mjtTrn.mjTRN_TENDON) else "jnt"
+    if getattr(model, f"{which}_actfrclimited")[target]:
+        found["actuatorfrcrange"] = None
+    return ", ".join(found)
 
 
 class _Follower(NamedTuple):
@@ -117,6 +198,13 @@ class MujocoRobot:
     drives: tuple[Drive, ...]
     joints: _Joints
     links: tuple[str, ...]
+    held: Array
+    stops: StopReader
+
+    @property
+    def limits(self) -> tuple[tuple[DriveLimit, str], ...]:
+        """The file's limits of the drives, and which of its numbers they come from."""
+        return tuple((each.limit, limit_sources(self.model, each)) for each in self.drives)
 
     @property
     def q_names(self) -> tuple[str, ...]:
@@ -125,7 +213,11 @@ class MujocoRobot:
         return tuple(name_of(self.model, joint, index) for index in self.joints.free)
 
     def configuration(self, q: Array) -> MujocoConfiguration:
-        """Return the robot at the joint angles q; whatever else the model has is at qpos0."""
+        """Return the robot at the joint angles q; whatever else the model has is at qpos0.
+
+        Raises:
+            InvalidInputError: a closed linkage stays open whatever its joints do.
+        """
         address, start = self.model.jnt_qposadr, self.model.qpos0
         qpos = np.array(start)
         qpos[address[list(self.joints.free)]] = q
@@ -136,7 +228,34 @@ class MujocoRobot:
                 qpos[address[joint]] = start[address[joint]] + np.polynomial.polynomial.polyval(
                     turned, polynomial
                 )
-        return MujocoConfiguration(self.model, _evaluated(self.model, qpos), self.dofs, self.drives)
+        qpos, notes = self._closed(qpos)
+        data = _evaluated(self.model, qpos)
+        return MujocoConfiguration(
+            self.model, data, self.dofs, self.drives, self.held, self.stops.read(data), notes
+        )
+
+    def _closed(self, qpos: Array) -> tuple[Array, list[str]]:
+        """Return the posture with closed linkages that qpos stands for, and notes on the way."""
+        model, dofs = self.model, self.dofs
+        address = model.jnt_qposadr[model.dof_jntid[dofs]]
+
+        def at(positions: Array) -> Array:
+            moved = np.array(qpos)
+            moved[address] = positions
+            return moved
+
+        def read(positions: Array) -> list[Coupling]:
+            found = couplings(model, _evaluated(model, at(positions)))
+            return [each._replace(rows=each.rows[:, dofs]) for each in found]
+
+        drives = drive_rows(model, _evaluated(model, qpos), self.drives)[:, dofs]
+        alone = np.count_nonzero(drives, axis=1) == 1
+        positions, notes = closed(
+            qpos[address], model.qpos0[address], read, turning(model)[dofs],
+            np.any(drives, axis=0), np.any(drives[alone], axis=0),
+            np.any(self.held[:, dofs], axis=0), dof_names(model, dofs),
+        )  # fmt: skip
+        return at(positions), notes
 
 
 def _load(source: Any) -> tuple[Any, list[str]]:

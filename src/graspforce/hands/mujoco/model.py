@@ -13,9 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._util.arrays import Array
+from graspforce._util.arrays import Array, came, index_of
 from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
+from graspforce.hands.configuration import as_names, stop_notes
+from graspforce.hands.imported import as_link
 from graspforce.hands.limits import DriveLimit, as_tau_max
+from graspforce.hands.loops import Coupling, rows_of
+from graspforce.hands.stops import Stops, ends, no_stops
 from graspforce.hands.transmission import Transmission, transmission
 
 
@@ -65,6 +69,9 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
         kind, target = int(model.actuator_trntype[motor]), int(model.actuator_trnid[motor, 0])
         output = int(model.actuator_outadr[motor])  # of a motor for a ball joint, the first of 3
         gear = float(model.actuator_gear[output, 0])
+        if kind == int(mj.mjtTrn.mjTRN_BODY):
+            notes.append(_adhesion_note(mj, model, motor))
+            continue
         at_tendon = kind == tendon_type
         at_joint = kind in joint_types and int(model.jnt_type[target]) in (hinge, slide)
         if not gear or not (at_tendon or at_joint):
@@ -101,29 +108,63 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
     return list(found.values()), notes
 
 
+def adhesions(model: Any) -> list[tuple[int, int]]:
+    """Return the actuators that make a body stick to what it touches, with its number."""
+    sticks = model.actuator_trntype == int(mujoco_module().mjtTrn.mjTRN_BODY)
+    motors: list[int] = np.flatnonzero(sticks).tolist()
+    return [(motor, int(model.actuator_trnid[motor, 0])) for motor in motors]
+
+
+def adhesion_force(model: Any, data: Any, motor: int) -> float:
+    """Return what an adhesion pulls with as it is controlled now [N]; 0 if it pushes.
+
+    By its control where that decides, which is known before the actuators' stage has run.
+    """
+    force = float(data.actuator_force[motor])
+    if is_plain_motor(model, motor):
+        low, high = _motor_range(mujoco_module(), model, motor)
+        control = float(data.ctrl[int(model.actuator_ctrladr[motor])])
+        force = min(max(float(model.actuator_gainprm[motor, 0]) * control, low), high)
+    return max(force, 0.0)
+
+
+def _adhesion_note(mj: Any, model: Any, motor: int) -> str:
+    name = name_of(model, mj.mjtObj.mjOBJ_ACTUATOR, motor)
+    body = name_of(model, mj.mjtObj.mjOBJ_BODY, int(model.actuator_trnid[motor, 0]))
+    most = _motor_range(mj, model, motor)[1]
+    return (
+        f"adhesion {name!r} makes {body!r} pull with up to {most:g} N: contacts that are read from "
+        "a simulation pull as it is controlled there; others take gf.suction_cup, or a model's pull"
+    )
+
+
 def joints_as_drives(
     model: Any,
     found: Sequence[Drive],
     tau_max: float | Mapping[str, float] | None,
+    named: Sequence[str] | None = None,
     of_object: NDArray[np.bool_] | None = None,
 ) -> list[Drive]:
-    """Return drives for the joints to which ``tau_max`` gives motors that the file does not have.
+    """Return drives for the joints that the user gives motors which the file does not have.
 
-    By name it gives them to any hinges and slides. One number is for the file's motors; in a file
-    without any, for all hinges and slides that follow no other joint.
+    ``named`` says which have motors. Without it ``tau_max`` gives them by name to any hinges and
+    slides. One number is for the file's motors; in a file without any, for all hinges and slides
+    that follow no other joint.
 
     Args:
         model: the model.
         found: the file's drives.
         tau_max: the user's limits.
+        named: the drives that have motors, where the user says so.
         of_object: which bodies make up the object, whose joints get motors by name only, shape
             (nbody,).
 
     Raises:
-        InvalidInputError: ``tau_max`` is wrong or names what is neither a drive nor such a joint.
+        InvalidInputError: ``tau_max`` is wrong, or it or ``named`` names what is neither a drive
+            nor such a joint.
     """
     mj = mujoco_module()
-    if tau_max is None or (found and not isinstance(tau_max, Mapping)):
+    if named is None and (tau_max is None or (found and not isinstance(tau_max, Mapping))):
         return []
     hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
     names = {
@@ -132,8 +173,11 @@ def joints_as_drives(
         if int(model.jnt_type[joint]) in (hinge, slide)
     }
     driven = [each.limit.name for each in found]
-    given = as_tau_max(tau_max, list(dict.fromkeys((*driven, *names.values()))))
-    if not isinstance(tau_max, Mapping):
+    known = list(dict.fromkeys((*driven, *names.values())))
+    wanted: Sequence[str] = tuple(as_tau_max(tau_max, known))
+    if named is not None:
+        wanted = as_names(named, "motors", known)
+    elif not isinstance(tau_max, Mapping):
         equal = (model.eq_type == int(mj.mjtEq.mjEQ_JOINT)) & (model.eq_active0 != 0)
         left = set(model.eq_obj1id[equal].tolist())
         if of_object is not None:
@@ -141,7 +185,7 @@ def joints_as_drives(
         names = {joint: name for joint, name in names.items() if joint not in left}
     added: list[Drive] = []
     for joint, name in names.items():
-        if name in given and name not in driven:
+        if name in wanted and name not in driven:
             turns = int(model.jnt_type[joint]) == hinge
             limit = DriveLimit(name, "N·m" if turns else "N", 0.0, 0.0, float(turns))
             added.append(Drive(limit, model.nout + int(model.jnt_dofadr[joint]), 1.0))
@@ -214,24 +258,23 @@ def _moment_arm(mj: Any, model: Any, tendon: int) -> float:
 
 def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
     """Return the drives' motions by joint motion, shape (n_drives, nv), at data's configuration."""
-    moments = np.zeros((model.nout, model.nv))
+    rows = np.eye(model.nout + model.nv, model.nv, -model.nout)  # the joints' below the motors'
     if model.nout:
         mujoco_module().mju_sparse2dense(
-            moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
+            rows[: model.nout], data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
             data.moment_colind,
         )  # fmt: skip
-    rows = np.vstack((moments, np.eye(model.nv)))
     gears = np.array([drive.gear for drive in each])
     return rows[[drive.output for drive in each]] / gears.reshape(-1, 1)
 
 
-def coupling_rows(model: Any, data: Any) -> Array:
-    """Return the gradients of the active equality constraints between joints, shape (p, nv).
+def couplings(model: Any, data: Any) -> list[Coupling]:
+    """Return the active equality constraints between joints at data's configuration.
 
     Those that hold a free body (the mount of a hand, an object) are left out.
     """
     if not data.ne:
-        return np.zeros((0, model.nv))
+        return []
     mj = mujoco_module()
     rows = np.zeros((data.nefc, model.nv))
     if mj.mj_isSparse(model):
@@ -240,8 +283,92 @@ def coupling_rows(model: Any, data: Any) -> Array:
         )
     else:
         rows = np.array(data.efc_J, dtype=float).reshape(data.nefc, model.nv)
-    rows = rows[data.efc_type == int(mj.mjtConstraint.mjCNSTR_EQUALITY)]
-    return rows[~rows[:, _free_joint_dofs(model)].any(axis=1)]
+    equal = data.efc_type == int(mj.mjtConstraint.mjCNSTR_EQUALITY)
+    rows, gaps, which = rows[equal], data.efc_pos[equal], data.efc_id[equal]
+    free, connect, weld = free_joint_dofs(model), mj.mjtEq.mjEQ_CONNECT, mj.mjtEq.mjEQ_WELD
+    found: list[Coupling] = []
+    for each in dict.fromkeys(which.tolist()):
+        own, gap = rows[which == each], np.array(gaps[which == each])
+        if int(model.eq_type[each]) not in (int(connect), int(weld)):
+            found.append(Coupling("ratio", own, gap, ()))
+            continue
+        first, second = _tied_bodies(model, each)
+        own[:, moved_by(model, first) & moved_by(model, second)] = 0.0
+        names = tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in (first, second))
+        found.append(Coupling("place", own[:3], gap[:3], names))
+        if len(own) > 3:
+            found.append(Coupling("turn", own[3:], gap[3:], names))
+    return [each for each in found if not each.rows[:, free].any()]
+
+
+def _tied_bodies(model: Any, equality: int) -> tuple[int, int]:
+    """Return the two bodies that a connect or weld ties together."""
+    pair = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
+    if int(model.eq_objtype[equality]) == int(mujoco_module().mjtObj.mjOBJ_SITE):
+        return int(model.site_bodyid[pair[0]]), int(model.site_bodyid[pair[1]])
+    return pair
+
+
+def moved_by(model: Any, body: int) -> NDArray[np.bool_]:
+    """Return which degrees of freedom move a body, a free joint's too, shape (nv,)."""
+    moving = np.zeros(model.nv, dtype=bool)
+    while body:
+        first = int(model.body_dofadr[body])
+        moving[first : first + int(model.body_dofnum[body])] = True
+        body = int(model.body_parentid[body])
+    return moving
+
+
+def turning(model: Any) -> NDArray[np.bool_]:
+    """Return which degrees of freedom are turns and no slides, shape (nv,)."""
+    slide = int(mujoco_module().mjtJoint.mjJNT_SLIDE)
+    turns: NDArray[np.bool_] = model.jnt_type[model.dof_jntid] != slide
+    return turns
+
+
+class StopReader:
+    """Finds the stops that a model's joints and tendons lean on."""
+
+    def __init__(self, model: Any) -> None:
+        """Look up which of them have stops."""
+        mj = mujoco_module()
+        hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
+        simple = (model.jnt_type == hinge) | (model.jnt_type == slide)
+        self._model, self._none = model, no_stops(model.nv)
+        self._off = int(mj.mjtDisableBit.mjDSBL_LIMIT)
+        self._joints = np.flatnonzero(simple & (model.jnt_limited != 0))
+        self._tendons = np.flatnonzero(model.tendon_limited != 0)
+        self._at = model.jnt_qposadr[self._joints]
+        self._ends = ends(
+            np.vstack((model.jnt_range[self._joints], model.tendon_range[self._tendons])),
+            np.append(model.jnt_type[self._joints] == hinge, np.zeros(len(self._tendons), bool)),
+        )
+
+    def read(self, data: Any) -> Stops:
+        """Return the stops that are leant on at data's configuration."""
+        if self._model.opt.disableflags & self._off:
+            return self._none
+        positions = data.qpos[self._at]
+        if len(self._tendons):
+            positions = np.append(positions, data.ten_length[self._tendons])
+        found = self._ends.leaning(positions, lambda: self._rows(data), self._name)
+        return self._none if found is None else found
+
+    def _rows(self, data: Any) -> Array:
+        model, moved = self._model, np.zeros((self._model.ntendon, self._model.nv))
+        if len(self._tendons):
+            mujoco_module().mju_sparse2dense(
+                moved, np.ravel(data.ten_J), model.ten_J_rownnz, model.ten_J_rowadr,
+                model.ten_J_colind,
+            )  # fmt: skip
+        of_joints = np.eye(model.nv)[model.jnt_dofadr[self._joints]]
+        return np.vstack((of_joints, moved[self._tendons]))
+
+    def _name(self, place: int) -> str:
+        kinds, joints = mujoco_module().mjtObj, len(self._joints)
+        if place < joints:
+            return name_of(self._model, kinds.mjOBJ_JOINT, int(self._joints[place]))
+        return name_of(self._model, kinds.mjOBJ_TENDON, int(self._tendons[place - joints]))
 
 
 def bias_forces(model: Any, data: Any) -> Array:
@@ -253,7 +380,8 @@ def bias_forces(model: Any, data: Any) -> Array:
     return np.array(data.qfrc_bias - data.qfrc_passive - by_motor)
 
 
-def _free_joint_dofs(model: Any) -> NDArray[np.bool_]:
+def free_joint_dofs(model: Any) -> NDArray[np.bool_]:
+    """Return which degrees of freedom are free joints', shape (nv,)."""
     free = model.jnt_type == int(mujoco_module().mjtJoint.mjJNT_FREE)
     dofs: NDArray[np.bool_] = free[model.dof_jntid]
     return dofs
@@ -266,7 +394,7 @@ def dofs_above(model: Any) -> NDArray[np.bool_]:
         above[body] = above[model.body_parentid[body]]
         first = int(model.body_dofadr[body])
         above[body, first : first + int(model.body_dofnum[body])] = True
-    return above & ~_free_joint_dofs(model)
+    return above & ~free_joint_dofs(model)
 
 
 def mocap_bodies(model: Any) -> NDArray[np.bool_]:
@@ -292,7 +420,7 @@ def loose_bodies(model: Any, moments: Array) -> NDArray[np.bool_]:
     """
     root = model.body_rootid[model.dof_bodyid]
     loose = np.zeros(model.nbody, dtype=bool)
-    loose[root[_free_joint_dofs(model)]] = True
+    loose[root[free_joint_dofs(model)]] = True
     loose[root[moments.any(axis=0)]] = False
     of_body: NDArray[np.bool_] = loose[model.body_rootid] & ~mocap_bodies(model)
     return of_body
@@ -308,13 +436,33 @@ class MujocoConfiguration:
     """A model at the configuration whose positions, moment arms and constraints ``data`` holds."""
 
     def __init__(
-        self, model: Any, data: Any, dofs: NDArray[np.intp], drives: Sequence[Drive]
+        self,
+        model: Any,
+        data: Any,
+        dofs: NDArray[np.intp],
+        drives: Sequence[Drive],
+        held: Array,
+        stops: Stops,
+        notes: Sequence[str] = (),
     ) -> None:
-        """Read how the drives move the degrees of freedom."""
+        """Read how the drives move the degrees of freedom.
+
+        Args:
+            model: the model.
+            data: its data.
+            dofs: the degrees of freedom that count.
+            drives: the drives.
+            held: further couplings, shape (p, nv): joints that are locked.
+            stops: those that joints lean on.
+            notes: what a user should know of the posture.
+        """
         self._model, self._data, self._dofs = model, data, dofs
+        coupled = np.vstack((rows_of(couplings(model, data), turning(model)), held))
+        leaned = stops.on(dofs, held)
         self.transmission: Transmission = transmission(
-            drive_rows(model, data, drives)[:, dofs], coupling_rows(model, data)[:, dofs]
+            drive_rows(model, data, drives)[:, dofs], coupled[:, dofs], leaned.rows
         )
+        self.notes = (*notes, *stop_notes(leaned, self.transmission))
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -337,9 +485,23 @@ class MujocoConfiguration:
         origins = self._data.xpos if kind == "body" else self._data.site_xpos
         return np.array(origins[index])
 
+    def chain(self, link: str) -> Array:
+        """Return where the joints are that move a link, and the link, from the base, (k, 3) [m]."""
+        body, places = body_of(self._model, link), [self.position(link)]
+        while body:
+            first, count = int(self._model.body_jntadr[body]), int(self._model.body_jntnum[body])
+            places += [np.array(self._data.xanchor[first + i]) for i in reversed(range(count))]
+            body = int(self._model.body_parentid[body])
+        return np.array(places[::-1])
+
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""
         return bias_forces(self._model, self._data)[self._dofs]
+
+
+def every_dof(model: Any) -> NDArray[np.intp]:
+    """Return the numbers of all degrees of freedom."""
+    return np.arange(int(model.nv), dtype=np.intp)
 
 
 def dof_names(model: Any, dofs: NDArray[np.intp]) -> tuple[str, ...]:
@@ -374,6 +536,28 @@ def body_of(model: Any, link: str) -> int:
     """Return the body that is, or carries the site that is, called ``link``."""
     kind, index = find_link(model, link)
     return index if kind == "body" else int(model.site_bodyid[index])
+
+
+def as_body(model: Any, body: object, argument: str) -> int:
+    """Return a body's number, given that or its name.
+
+    Raises:
+        InvalidInputError: there is no such body; the text names the argument.
+    """
+    mj = mujoco_module()
+    if isinstance(body, str):
+        number = int(mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, body))
+        if number < 0:
+            names = [mj.mj_id2name(model, mj.mjtObj.mjOBJ_BODY, i) for i in range(model.nbody)]
+            as_link(body, argument, [name for name in names if name])
+        return number
+    number = index_of(body)
+    if number is None or not 0 <= number < model.nbody:
+        raise InvalidInputError(
+            f"{argument}: got {came(body)}, expected a body's name or its number, below "
+            f"{model.nbody}"
+        )
+    return number
 
 
 def name_of(model: Any, kind: Any, index: int) -> str:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +13,20 @@ from numpy.typing import NDArray
 from graspforce._util.arrays import Array, require_instance
 from graspforce._util.native_stderr import native_stderr
 from graspforce.errors import ModelImportError, warn
-from graspforce.hands.configuration import choose_motors, notes_of, warnings_of
+from graspforce.hands.configuration import (
+    as_names,
+    choose_motors,
+    locking_rows,
+    notes_of,
+    warnings_of,
+)
 from graspforce.hands.imported import (
     ImportedHand,
     as_fingertips,
     fingers_of,
 )
+from graspforce.hands.limits import DriveLimit
+from graspforce.hands.pinocchio.mimics import Mimic, joints_of, mimic_couplings, mimics_of
 from graspforce.hands.pinocchio.model import (
     JointDrive,
     PinocchioConfiguration,
@@ -36,18 +43,23 @@ def from_urdf(
     path: str | Path,
     fingertips: Sequence[str] | Mapping[str, str],
     tau_max: float | Mapping[str, float] | None = None,
+    locked: Sequence[str] = (),
+    motors: Sequence[str] | None = None,
 ) -> ImportedHand:
     """Read a hand from a URDF file; meshes are neither needed nor looked for.
 
     URDF does not say which joints have motors. Every revolute, continuous or prismatic joint
     that mimics no other is taken to have one, unless its effort limit is 0 and ``tau_max`` does
-    not give another.
+    not give another, or ``motors`` says which have.
 
     Args:
         path: the file.
         fingertips: links, one a finger; a mapping names the fingers.
         tau_max: torque limits in place of the file's effort limits, both ways: one number for
             all joints, or by name [N·m; N for prismatic joints].
+        locked: joints that are held whatever the contacts do to them, as by brakes.
+        motors: the joints that have motors; the others turn freely, but for those that are locked
+            or follow others.
 
     Returns:
         The hand, contacts in the frame of the root link. What should not be believed silently
@@ -57,46 +69,54 @@ def from_urdf(
         MissingExtraError: Pinocchio is not installed.
         ModelImportError: the file is missing or no URDF; a finger that no motor moves; a joint
             without a torque limit; a joint that mimics one that is not there.
-        InvalidInputError: a fingertip or a name in tau_max that is not there.
+        InvalidInputError: a fingertip or a name in tau_max, locked or motors that is not there.
     """
     require_instance(path, "path", str | Path, "a path")
     path = Path(path)
     pin = pinocchio_module()
-    mimics = _mimics(path)
+    mimics = mimics_of(path)
     model = _built(path)
     tips = as_fingertips(fingertips, tuple(frames_of(model)))
     links = tuple(dict.fromkeys(tips.values()))
-    couplings = _couplings(path, model, mimics, links)
+    couplings = mimic_couplings(path, model, mimics, links)
     following = {each.joint for each in mimics}
     dofs = what_moves(model, links, couplings)
-    drives = [
-        each
-        for each in joint_drives(model)
-        if each.dof in dofs and each.limit.name not in following
-    ]
-    motors = choose_motors(drives, tau_max)
+    every = [each for each in joint_drives(model) if each.limit.name not in following]
+    held = locking_rows(locked, list(dof_names(model).values()))
+    if motors is not None:
+        as_names(motors, "motors", [each.limit.name for each in every])
+    drives = [each for each in every if each.dof in dofs and not held[:, each.dof].any()]
+    chosen = choose_motors(drives, tau_max, motors)
     configuration = PinocchioConfiguration(
-        model, pin.neutral(model), dofs, motors.drives, couplings
+        model, pin.neutral(model), dofs, chosen.drives, couplings, held, leans=False
     )
-    fingers = fingers_of(configuration, motors, tips)
+    fingers = fingers_of(configuration, chosen, tips)
     free = tuple(name for name in configuration.dof_names if name not in following)
-    robot = PinocchioRobot(model, dofs, motors.drives, couplings, free, mimics)
-    told = (motors, configuration.transmission, configuration.dof_names)
+    robot = PinocchioRobot(model, dofs, chosen.drives, couplings, free, mimics, held)
+    told = (chosen, configuration.transmission, configuration.dof_names)
     warnings = warnings_of(*told)
     warn(*warnings)
+    notes = (*warnings, *notes_of(*told, locked, model.upperDryFrictionLimit[dofs]))
     return ImportedHand(
-        motors.joint_names, free, motors.tau_lo, motors.tau_hi, fingers, tips,
-        tuple(tips.values()), (*warnings, *notes_of(*told)), robot,
+        chosen.joint_names, free, chosen.tau_lo, chosen.tau_hi, fingers, tips,
+        tuple(tips.values()), notes, robot,
     )  # fmt: skip
 
 
-class _Mimic(NamedTuple):
-    """A joint whose angle is ``multiplier`` times its leader's, plus ``offset``."""
+def default_fingertips(path: str | Path) -> tuple[str, ...]:
+    """Return the last links of the chains that joints move.
 
-    joint: str
-    leader: str
-    multiplier: float
-    offset: float
+    Raises:
+        ModelImportError: the file is missing or no URDF.
+    """
+    model, joints = _built(Path(path)), joints_of(path)
+    parents = {parent for _, parent in joints}
+    frames = frames_of(model)
+    return tuple(
+        child
+        for child, _ in joints
+        if child not in parents and child in frames and dofs_above(model, frames[child]).any()
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +128,13 @@ class PinocchioRobot:
     drives: tuple[JointDrive, ...]
     couplings: Array
     q_names: tuple[str, ...]
-    mimics: tuple[_Mimic, ...]
+    mimics: tuple[Mimic, ...]
+    held: Array
+
+    @property
+    def limits(self) -> tuple[tuple[DriveLimit, str], ...]:
+        """The file's limits of the drives, and which of its numbers they come from."""
+        return tuple((each.limit, "effort") for each in self.drives)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -132,7 +158,9 @@ class PinocchioRobot:
         names = dof_names(self.model)
         turned = np.array([angles.get(names[dof], 0.0) for dof in range(self.model.nv)])
         q = pin.integrate(self.model, pin.neutral(self.model), turned)
-        return PinocchioConfiguration(self.model, q, self.dofs, self.drives, self.couplings)
+        return PinocchioConfiguration(
+            self.model, q, self.dofs, self.drives, self.couplings, self.held
+        )
 
 
 def _built(path: Path) -> Any:
@@ -151,51 +179,3 @@ def _built(path: Path) -> Any:
             raise ModelImportError(
                 f"{path}: not a robot that Pinocchio reads: {reason or error}"
             ) from error
-
-
-def _mimics(path: Path) -> tuple[_Mimic, ...]:
-    """Return the mimic joints of a file.
-
-    Pinocchio's own reading of them is not used: it refuses joints that follow one which comes
-    later in its order, and continuous ones.
-    """
-    try:
-        robot = ElementTree.parse(path).getroot()
-    except OSError as error:
-        raise ModelImportError(f"{path}: cannot read the file: {error.strerror}") from error
-    except ElementTree.ParseError as error:
-        raise ModelImportError(f"{path}: not a URDF: {error}") from error
-    if robot.tag != "robot":
-        raise ModelImportError(f"{path}: got <{robot.tag}>, expected a URDF's <robot>")
-    found: list[_Mimic] = []
-    for joint in robot.iter("joint"):
-        mimic = joint.find("mimic")
-        if mimic is None:
-            continue
-        name = joint.get("name", "")
-        try:
-            multiplier = float(mimic.get("multiplier", "1"))
-            offset = float(mimic.get("offset", "0"))
-        except ValueError as error:
-            raise ModelImportError(f"{path}: mimic of joint {name!r}: {error}") from error
-        found.append(_Mimic(name, mimic.get("joint", ""), multiplier, offset))
-    return tuple(found)
-
-
-def _couplings(path: Path, model: Any, mimics: Sequence[_Mimic], links: Sequence[str]) -> Array:
-    """Return one row a mimic joint: its rate less what its leader makes it, shape (p, nv)."""
-    dofs = {name: dof for dof, name in dof_names(model).items()}
-    moving = what_moves(model, links, np.zeros((0, model.nv)))
-    rows = np.zeros((len(mimics), model.nv))
-    for row, each in zip(rows, mimics, strict=True):
-        if each.joint not in dofs:
-            continue
-        row[dofs[each.joint]] = 1.0
-        if each.leader in dofs:
-            row[dofs[each.leader]] -= each.multiplier
-        elif dofs[each.joint] in moving:
-            raise ModelImportError(
-                f"{path}: joint {each.joint!r} mimics {each.leader!r}, which is not there; "
-                f"expected one of {', '.join(dofs)}"
-            )
-    return rows

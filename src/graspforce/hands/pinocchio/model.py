@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
 from graspforce.errors import MissingExtraError
+from graspforce.hands.configuration import stop_notes
 from graspforce.hands.limits import DriveLimit
+from graspforce.hands.stops import Stops, ends, no_stops
 from graspforce.hands.transmission import Transmission, connected_dofs, transmission
 
 
@@ -46,13 +48,44 @@ def joint_drives(model: Any) -> list[JointDrive]:
         if int(model.nvs[joint]) != 1:
             continue
         dof = int(model.idx_vs[joint])
-        slides = str(model.joints[joint].shortname()).startswith("JointModelP")
+        slides = _slides(model, joint)
         low, high = float(model.lowerEffortLimit[dof]), float(model.upperEffortLimit[dof])
         limit = DriveLimit(
             str(model.names[joint]), "N" if slides else "N·m", low, high, float(not slides)
         )
         found.append(JointDrive(limit, dof))
     return found
+
+
+class StopReader:
+    """Finds the stops that a model's joints of one degree of freedom lean on."""
+
+    def __init__(self, model: Any) -> None:
+        """Look up where their ranges end."""
+        joints = [
+            joint
+            for joint in range(1, model.njoints)
+            if int(model.nvs[joint]) == 1 and int(model.nqs[joint]) == 1
+        ]
+        self._names = [str(model.names[joint]) for joint in joints]
+        self._at = [int(model.idx_qs[joint]) for joint in joints]
+        self._rows = np.eye(model.nv)[[int(model.idx_vs[joint]) for joint in joints]]
+        self._none = no_stops(model.nv)
+        self._ends = ends(
+            np.column_stack((
+                model.lowerPositionLimit[self._at], model.upperPositionLimit[self._at]
+            )),
+            np.array([not _slides(model, joint) for joint in joints], dtype=bool),
+        )  # fmt: skip
+
+    def read(self, q: Array) -> Stops:
+        """Return the stops that are leant on at q, shape (nq,)."""
+        found = self._ends.leaning(q[self._at], lambda: self._rows, self._names.__getitem__)
+        return self._none if found is None else found
+
+
+def _slides(model: Any, joint: int) -> bool:
+    return str(model.joints[joint].shortname()).startswith("JointModelP")
 
 
 def frames_of(model: Any) -> dict[str, int]:
@@ -97,20 +130,42 @@ class PinocchioConfiguration:
         dofs: NDArray[np.intp],
         drives: Sequence[JointDrive],
         couplings: Array,
+        held: Array,
+        leans: bool = True,
     ) -> None:
-        """Compute how the drives move the degrees of freedom, and where the frames are."""
+        """Compute how the drives move the degrees of freedom, and where the frames are.
+
+        Args:
+            model: the model.
+            q: its configuration, shape (nq,).
+            dofs: the degrees of freedom that count.
+            drives: the drives.
+            couplings: joint motions with ``couplings @ dq != 0`` are impossible, shape (p, nv).
+            held: further couplings: joints that are locked.
+            leans: whether joints at the ends of their ranges lean on stops.
+        """
         self._model, self._frames, self._dofs = model, frames_of(model), dofs
         self._data = model.createData()
+        self._rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
+        self._couplings, self._held = couplings, held
+        self._reader = StopReader(model) if leans else None
+        self._stops: Stops | None = None
         self.update(q)
-        rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
-        self.transmission: Transmission = transmission(rows[:, dofs], couplings[:, dofs])
 
     def update(self, q: Array) -> None:
-        """Compute where the frames are at the configuration q, shape (nq,)."""
-        pin = pinocchio_module()
+        """Compute where the frames are at the configuration q, shape (nq,), and what leans."""
+        pin, dofs = pinocchio_module(), self._dofs
         self._q = q
         pin.computeJointJacobians(self._model, self._data, q)
         pin.updateFramePlacements(self._model, self._data)
+        stops = no_stops(self._model.nv) if self._reader is None else self._reader.read(q)
+        stops = stops.on(dofs, self._held)
+        if self._stops is None or not np.array_equal(stops.rows, self._stops.rows):
+            self._stops = stops
+            self.transmission: Transmission = transmission(
+                self._rows[:, dofs], np.vstack((self._couplings, self._held))[:, dofs], stops.rows
+            )
+            self.notes = tuple(stop_notes(stops, self.transmission))
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -133,6 +188,12 @@ class PinocchioConfiguration:
     def position(self, link: str) -> Array:
         """Return the origin of a frame, shape (3,) [m]."""
         return np.array(self._data.oMf[self._frames[link]].translation)
+
+    def chain(self, link: str) -> Array:
+        """Return where the joints are that move a link, and the link, from the base, (k, 3) [m]."""
+        joints = self._model.supports[self._model.frames[self._frames[link]].parentJoint]
+        places = [np.array(self._data.oMi[joint].translation) for joint in joints if joint]
+        return np.array([*places, self.position(link)])
 
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity, shape (n_dofs,)."""

@@ -1,0 +1,102 @@
+"""What the front ends of other array libraries share: fields by name in, NumPy arrays out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from graspforce._engine.layout import FIELDS
+from graspforce._engine.settings import Settings
+from graspforce._util.arrays import Array, require_keywords
+from graspforce.batch import BatchProblems, solve_batch
+from graspforce.contact import ContactModel, model_of, models_for
+from graspforce.derivatives import Sensitivity
+from graspforce.errors import InvalidInputError
+from graspforce.problem import ProblemOptions
+
+
+def axes_of(name: str) -> int:
+    """Return how many axes a field of one problem has."""
+    return len(FIELDS[name].shape)
+
+
+def gather(
+    W: Any, f: Any, models: ContactModel | Sequence[ContactModel], options: Mapping[str, Any]
+) -> tuple[dict[str, Any], tuple[int, ...]]:
+    """Return the fields that are given, mu and gamma among them, and the contacts' components.
+
+    Raises:
+        InvalidInputError: models that do not fit W, an unknown option, or one without derivatives.
+    """
+    require_keywords(options, [*ProblemOptions.__annotations__, "mu", "gamma"], "solve")
+    each = models_for(models, W.shape[-1])
+    refused = {name: options.get(name) for name in ("internal", "cone_weight")}
+    refused["models"] = next((model for model in each if model.pull > 0), None)
+    for name, value in refused.items():
+        if value is not None:
+            raise InvalidInputError(
+                f"{name}: got {value!r}, of which there are no derivatives yet; expected none"
+            )
+    fields = {"W": W, "f": f} | {
+        name: value for name, value in options.items() if value is not None
+    }
+    for name in ("mu", "gamma"):
+        fields.setdefault(name, [float(getattr(model, name)) for model in each])
+    fields.setdefault("alpha", 5.0)
+    return fields, tuple(model.dim for model in each)
+
+
+def solve_fields(
+    fields: Mapping[str, Any], dims: Sequence[int], settings: Settings
+) -> tuple[Array, Array, Array, Any]:
+    """Return c, tau, nu and status, a row for each problem."""
+    given = dict(fields)
+    batch = solve_batch(given.pop("W"), given.pop("f"), _models(dims), settings=settings, **given)
+    return batch.c, batch.tau, batch.nu, batch.status
+
+
+def pull_back(
+    fields: Mapping[str, Any],
+    dims: Sequence[int],
+    found: tuple[Array, Array, Any],
+    gradients: Mapping[str, Array],
+    wanted: tuple[str, ...],
+) -> dict[str, Array]:
+    """Return gradients by fields, of a field that all rows share the sum of theirs.
+
+    Args:
+        fields: what was solved.
+        dims: the contacts' components.
+        found: c, nu and whether each row is SOLVED.
+        gradients: by c and tau.
+        wanted: the fields to differentiate by.
+    """
+    problems = BatchProblems.of(_models(dims), fields)
+    known = [name for name in wanted if name != "engagement" or problems.layout.ceilings]
+    by_row = Sensitivity(problems, *found).vjp(wrt=tuple(known), **gradients)
+    result: dict[str, Array] = {}
+    for name in wanted:
+        shape = np.shape(fields[name])
+        result[name] = (
+            _unbroadcast(by_row[name], shape, axes_of(name)) if name in by_row else np.zeros(shape)
+        )
+    return result
+
+
+def _unbroadcast(value: Array, shape: tuple[int, ...], axes: int) -> Array:
+    """Sum what stands for (B, *entries) over the axes along which an argument was repeated."""
+    wanted = (
+        shape if len(shape) > axes else (1, *shape) if len(shape) == axes else (1,) * (axes + 1)
+    )
+    repeated = tuple(
+        axis
+        for axis, sizes in enumerate(zip(value.shape, wanted, strict=True))
+        if sizes[0] != sizes[1]
+    )
+    return value.sum(axis=repeated, keepdims=True).reshape(shape)
+
+
+def _models(dims: Sequence[int]) -> list[ContactModel]:
+    return [model_of(dim, 1.0, 1.0) for dim in dims]

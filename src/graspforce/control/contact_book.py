@@ -1,0 +1,206 @@
+"""The contacts that a loop counts on: matched between ticks, of a fixed number, without jumps.
+
+A simulator lists a contact only while two bodies overlap, and a tactile sensor is noisy: contacts
+flicker, change their order, come and go. A Servo wants a problem of one layout whose numbers change
+little. The book has a fixed number of slots for each link of the hand. What touches is matched to
+the slots by link and place on the object; a slot whose contact is missing keeps its last place for
+a while, and the engagement of a slot (Section III-C.3 of the paper) rises and falls by a ramp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspforce._util.arrays import (
+    Array,
+    as_array,
+    as_integer,
+    as_positive,
+    require,
+    require_instance,
+)
+from graspforce.contact import UNIT_TOLERANCE, Contact, ContactModel, any_tangent, cross
+from graspforce.errors import InvalidInputError
+
+_WORLD = np.eye(3)
+
+
+class ContactBook:
+    """Slots for contacts, n in all, each of one link.
+
+    All is kept in the object's frame, so a contact stays where it is on an object that moves. The
+    first update takes what touches as a grasp that holds: its slots are engaged at once.
+
+    Args:
+        slots: how many contacts each link may have at once; the links are strings, numbers, or
+            whatever they are called in updates. Slots stand in this order.
+        ramp: how long an engagement takes from 0 to 1 or back [s]. With ceilings ``c_max`` and
+            forces that may change by r newtons a second, a ramp of at least ``c_max / r`` leaves
+            the Servo room.
+        patience: how long a missing contact is believed to be there still [s].
+        reach: how far a contact may have moved on the object between updates and be the same [m].
+
+    Attributes:
+        links: of each slot, n of them.
+        points: where the contact is or last was, world axes, shape (n, 3) [m].
+        frames: columns normal (into the object), x, y, as :attr:`graspforce.Contact.frame`, world
+            axes, shape (n, 3, 3). A slot's x turns no more than its normal does, so forces of one
+            tick mean the same in the next.
+        engagement: 0 to 1, shape (n,).
+        present: whether something touched at the last update, shape (n,).
+        without_slot: how many contacts of the last update found no slot of their link free.
+
+    Raises:
+        InvalidInputError: no slots, a number of slots below 1, a time or length that is not
+            positive.
+    """
+
+    def __init__(
+        self,
+        slots: Mapping[Hashable, int],
+        *,
+        ramp: float = 0.1,
+        patience: float = 0.02,
+        reach: float = 0.01,
+    ) -> None:
+        require_instance(slots, "slots", Mapping, "links and how many contacts each may have")
+        if not slots:
+            raise InvalidInputError("slots: got none, expected at least one link")
+        counts = [as_integer(count, f"slots[{link!r}]", 1) for link, count in slots.items()]
+        pairs = zip(slots, counts, strict=True)
+        self.links = tuple(link for link, count in pairs for _ in range(count))
+        self._of_link: dict[Hashable, NDArray[np.intp]] = {
+            link: np.arange(end - count, end)
+            for link, count, end in zip(slots, counts, np.cumsum(counts).tolist(), strict=True)
+        }
+        self._ramp = as_positive(ramp, "ramp", "s")
+        self._patience = as_positive(patience, "patience", "s")
+        self._reach = as_positive(reach, "reach", "m")
+        n = len(self.links)
+        # In the object's frame. A slot that never had a contact has a frame all the same.
+        self._points, self._frames = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
+        self._missing = np.full(n, np.inf)  # for how long [s]
+        self._position, self._rotation = np.zeros(3), _WORLD
+        self._started = False
+        self.engagement = np.zeros(n)
+        self.without_slot = 0
+
+    @property
+    def present(self) -> NDArray[np.bool_]:
+        """Whether something touched at the last update, shape (n,)."""
+        return self._missing == 0
+
+    @property
+    def points(self) -> Array:
+        """Where the contact is or last was, world axes, shape (n, 3) [m]."""
+        return self._position + self._points @ self._rotation.T
+
+    @property
+    def frames(self) -> Array:
+        """Columns normal, x, y, world axes, shape (n, 3, 3)."""
+        return self._rotation @ self._frames
+
+    def contacts(self, model: ContactModel) -> tuple[Contact, ...]:
+        """Return the slots as contacts, n of them, in the world's axes."""
+        return tuple(
+            Contact(point, frame[:, 0], model, frame[:, 1])
+            for point, frame in zip(self.points, self.frames, strict=True)
+        )
+
+    def update(
+        self,
+        points: ArrayLike,
+        normals: ArrayLike,
+        links: Sequence[Hashable],
+        dt: float,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rotation: ArrayLike = _WORLD,
+    ) -> None:
+        """Take what touches now.
+
+        Args:
+            points: k contacts, world axes, shape (k, 3) [m].
+            normals: unit normals into the object, shape (k, 3).
+            links: what makes each contact; contacts of links without slots are passed over.
+            dt: since the last update [s].
+            position: of the object, shape (3,) [m].
+            rotation: of the object, its axes as columns, shape (3, 3).
+
+        Raises:
+            InvalidInputError: a wrong shape, numbers that are not finite, a dt that is not
+                positive; the book is then as it was.
+        """
+        k = len(links)
+        seen = as_array(points if k else np.zeros((0, 3)), "points", (k, 3))
+        directions = as_array(normals if k else np.zeros((0, 3)), "normals", (k, 3))
+        lengths = np.linalg.norm(directions, axis=1)
+        require(np.abs(lengths - 1) <= UNIT_TOLERANCE, "normals", lengths, "vectors of length 1")
+        directions = directions / lengths[:, None]
+        step = as_positive(dt, "dt", "s")
+        where = as_array(position, "position", (3,))
+        R = as_array(rotation, "rotation", (3, 3))
+        seen, directions = (seen - where) @ R, directions @ R
+        self._position, self._rotation = where, R
+
+        matched = self._match(seen, links)
+        found = matched >= 0
+        slots = matched[found]
+        self._missing += step
+        self._missing[slots] = 0.0
+        self._points[slots] = seen[found]
+        for slot, normal in zip(slots.tolist(), directions[found], strict=True):
+            self._turn(slot, normal)
+        change = step / self._ramp
+        rising = self._missing <= self._patience
+        if self._started:
+            self.engagement = np.clip(self.engagement + np.where(rising, change, -change), 0.0, 1.0)
+        else:
+            self.engagement, self._started = rising.astype(float), True
+
+    def _match(self, seen: Array, links: Sequence[Hashable]) -> NDArray[np.intp]:
+        """Return each contact's slot, −1 without one: nearest pairs first, then free slots."""
+        matched = np.full(len(seen), -1)
+        self.without_slot = 0
+        by_link: dict[Hashable, list[int]] = {}
+        for i, link in enumerate(links):
+            if link in self._of_link:
+                by_link.setdefault(link, []).append(i)
+        for link, contacts in by_link.items():
+            slots = self._of_link[link]
+            used = (self.engagement[slots] > 0) | (self._missing[slots] <= self._patience)
+            away = np.linalg.norm(seen[contacts, None] - self._points[slots], axis=2)
+            away[:, ~used] = np.inf
+            free = slots[~used].tolist()
+            taken: set[int] = set()
+            for pair in np.argsort(away, axis=None, kind="stable").tolist():
+                i, j = divmod(pair, len(slots))
+                if away[i, j] > self._reach:
+                    break
+                if matched[contacts[i]] < 0 and j not in taken:
+                    matched[contacts[i]] = slots[j]
+                    taken.add(j)
+            # The others are new. A slot that still lets go is not taken over: its force would jump.
+            for i in contacts:
+                if matched[i] >= 0:
+                    continue
+                if free:
+                    matched[i] = free.pop(0)
+                else:
+                    self.without_slot += 1
+        return matched
+
+    def _turn(self, slot: int, normal: Array) -> None:
+        """Give a slot a normal; its x turns no more than that, unless the contact is new."""
+        new = self.engagement[slot] == 0
+        x = _across(any_tangent(normal) if new else self._frames[slot, :, 1], normal)
+        if x @ x < 0.01:  # the normal has come to lie along it
+            x = _across(any_tangent(normal), normal)
+        x /= np.linalg.norm(x)
+        self._frames[slot] = np.column_stack((normal, x, cross(normal, x)))
+
+
+def _across(vector: Array, normal: Array) -> Array:
+    return vector - (vector @ normal) * normal

@@ -1,0 +1,472 @@
+"""Exact derivatives of an optimum with respect to everything in its problem.
+
+At an optimum ∇Phi(c) = W.T nu and W c = f. By the implicit function theorem a change of the problem
+by a parameter p moves it by the solution of the KKT system there, factored once
+(``cpp/include/graspforce/factor.hpp``):
+
+    H dc + W.T ν = −∂(∇Phi − W.T nu)/∂p,    W dc = ∂(f − W c)/∂p.
+
+The matrix is symmetric, so the adjoint solves the same system for the gradient of a number L by c.
+With its solution (x, y) the gradient by p is that of ``−x·∇Phi + x·W.T nu + y·(f − W c)`` with x,
+y, c and nu held, which this module writes down for the fields. All linear limits are rows A c ≤ b
+of one kind (:func:`graspforce.problem.all_limits`): their derivative is written down once and
+handed on to the fields that the rows are made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspforce import equations
+from graspforce._engine import native
+from graspforce._engine.layout import FIELDS
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array, as_array, require_instance, require_keywords
+from graspforce.batch import Batch, BatchProblems, available_cores
+from graspforce.equations import by_contact, stacked
+from graspforce.errors import InvalidInputError
+from graspforce.problem import all_limits
+from graspforce.solution import Solution
+
+# Rows whose derivatives are computed together; bounds the memory for their limits.
+_ROWS_AT_ONCE = 2048
+
+_SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # of D in g = Σ ± D_i y_i², Eq. (11)
+
+# Quantities that have derivatives, by the axis of a row.
+QUANTITIES = {
+    "c": ("m",), "tau": ("n_joints",), "phi": (), "friction_margins": ("n",),
+    "torque_margins": ("n_joints",),
+}  # fmt: skip
+
+
+class Sensitivity:
+    """Derivatives of one answer, or of every row of a batch; made by :func:`sensitivity`.
+
+    Quantities that are differentiated: ``c``, ``tau``, ``phi``, ``friction_margins``,
+    ``torque_margins``. Parameters: the fields of a :class:`graspforce.ForceProblem`, and ``mu`` and
+    ``gamma``, of which frictionless contacts have none. Where a row is not SOLVED its derivatives
+    are zero.
+
+    Where W has dependent rows, the derivatives by f and W are those for changes that leave f in the
+    range of W.
+
+    Attributes:
+        solved: which rows have derivatives, shape (B,), or a truth value for a single answer.
+    """
+
+    def __init__(
+        self,
+        problems: BatchProblems,
+        c: Array,
+        nu: Array,
+        solved: NDArray[np.bool_],
+        single: bool = False,
+    ) -> None:
+        self._problems, self._c, self._nu = problems, c, nu
+        self._solved, self._single = solved, single
+        self._layout = layout = problems.layout
+        not_known = {
+            "pull": layout.pulls, "internal": layout.internals, "cone_weight": layout.cone_weights,
+        }  # fmt: skip
+        for name, there in not_known.items():
+            if there:
+                raise InvalidInputError(f"{name}: got a problem with it, of which there are no "
+                                        "derivatives yet; expected one without")  # fmt: skip
+
+    @property
+    def solved(self) -> Any:
+        """Which rows have derivatives."""
+        return bool(self._solved[0]) if self._single else self._solved
+
+    # ---- the three forms ----------------------------------------------------------------------
+
+    def jvp(self, *, of: tuple[str, ...] = ("c", "tau"), **changes: ArrayLike) -> tuple[Any, ...]:
+        """Return how the answer changes, to first order, when the problem does.
+
+        Args:
+            of: the quantities wanted.
+            changes: dp for each field p that changes, of its shape, or of a row's for all rows.
+
+        Returns:
+            The change of each quantity: by default dc, shape (B, m), and dtau, (B, n_joints).
+
+        Raises:
+            InvalidInputError: an unknown quantity or field, a wrong shape.
+        """
+        require_keywords(of, QUANTITIES, "sensitivity")
+        tangents = {name: self._rows(changes[name], name) for name in self._names(changes)}
+        parts = [
+            self._part(part).push_forward({n: v[part] for n, v in tangents.items()}, of)
+            for part in self._parts()
+        ]
+        return tuple(self._out(np.concatenate(each)) for each in zip(*parts, strict=True))
+
+    def vjp(
+        self, *, wrt: tuple[str, ...] | None = None, **gradients: ArrayLike
+    ) -> dict[str, Array]:
+        """Return the gradients of a number L by the problem's fields, from those by the answer.
+
+        Args:
+            wrt: the fields wanted; default all that the problem has.
+            gradients: dL/dq for each quantity q that L depends on, of its shape: ``c=…``,
+                ``tau=…``, ``phi=…``, ``friction_margins=…``, ``torque_margins=…``.
+
+        Returns:
+            The gradient by each field, a row for each problem.
+
+        Raises:
+            InvalidInputError: an unknown quantity or field, a wrong shape.
+        """
+        require_keywords(gradients, QUANTITIES, "sensitivity.vjp")
+        names = self._names(wrt) if wrt is not None else self._names(None)
+        sizes = self._layout.sizes
+        given = {
+            name: self._of_shape(value, name, tuple(sizes[axis] for axis in QUANTITIES[name]))
+            for name, value in gradients.items()
+        }
+        parts = [
+            self._part(part).pull_back({n: v[part] for n, v in given.items()}, names)
+            for part in self._parts()
+        ]
+        return {name: self._out(np.concatenate([each[name] for each in parts])) for name in names}
+
+    def jacobian(self, wrt: str, of: str = "c") -> Array:
+        """Return the derivative of one quantity by one field, shape ``(B, *quantity, *field)``.
+
+        Raises:
+            InvalidInputError: an unknown quantity or field.
+        """
+        require_keywords((of,), QUANTITIES, "sensitivity")
+        (name,) = self._names((wrt,))
+        shape = tuple(self._layout.sizes[axis] for axis in QUANTITIES[of])
+        B = len(self._solved)
+        columns: list[Array] = []
+        for entry in np.ndindex(shape):
+            unit = np.zeros((B, *shape))
+            unit[(slice(None), *entry)] = 1
+            one = unit[0] if self._single else unit
+            columns.append(np.asarray(self.vjp(wrt=(name,), **{of: one})[name]))
+        field = self._layout.slots[name].shape
+        axis = 0 if self._single else 1
+        lead = () if self._single else (B,)
+        return (
+            np.stack(columns, axis=axis).reshape(lead + shape + field)
+            if columns
+            else np.zeros(lead + shape + field)
+        )
+
+    # ---- rows ---------------------------------------------------------------------------------
+
+    def _parts(self) -> list[slice]:
+        starts = range(0, max(1, len(self._solved)), _ROWS_AT_ONCE)
+        return [slice(first, first + _ROWS_AT_ONCE) for first in starts]
+
+    def _part(self, part: slice) -> _Rows:
+        return _Rows(self._problems[part], self._c[part], self._nu[part], self._solved[part])
+
+    def _names(self, given: Any) -> tuple[str, ...]:
+        valid = [
+            name
+            for name, slot in self._layout.slots.items()
+            if slot.stop > slot.start and (name != "engagement" or self._layout.ceilings)
+        ]
+        if given is None:
+            return tuple(valid)
+        require_keywords(given, valid, "this problem's sensitivity")
+        return tuple(given)
+
+    def _rows(self, value: ArrayLike, name: str) -> Array:
+        return self._of_shape(value, name, self._layout.slots[name].shape)
+
+    def _of_shape(self, value: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
+        """Return an array with the leading axis; a single answer's has none."""
+        B = len(self._solved)
+        full = (B, *shape)
+        if self._single or np.ndim(cast("Any", value)) == len(shape):
+            return np.broadcast_to(as_array(value, name, shape), full)
+        return as_array(value, name, full)
+
+    def _out(self, value: Array) -> Any:
+        return value[0] if self._single else value
+
+
+class _Rows:
+    """G rows with all that the formulas share."""
+
+    def __init__(
+        self, problems: BatchProblems, c: Array, nu: Array, solved: NDArray[np.bool_]
+    ) -> None:
+        self.problems, self.c, self.nu, self.solved = problems, c, nu, solved
+        self.layout = problems.layout
+        self.data = self.problems.data()
+        if not self.solved.all():  # in place of numbers that may be anything, harmless ones
+            self.data = {
+                name: np.where(_as(self.solved, value), value, 1.0)
+                for name, value in self.data.items()
+            }
+            self.nu = np.where(self.solved[:, None], self.nu, 0.0)
+        self.A, self.b = all_limits(self.layout, self.data)
+        slack = equations.slacks(self.c, self.A, self.b)
+        counted = np.ones(slack.shape, dtype=bool)
+        for row in np.flatnonzero(~self.problems.active.all(axis=1)).tolist():
+            counted[row] = self.problems[row].counted_limits()
+        counted &= self.solved[:, None]
+        self.inverse = np.where(counted, 1.0, 0.0) / np.where(counted, slack, 1.0)
+        self.alpha = self.data["alpha"][:, None]
+        self.D = (
+            equations.Cones.of(self.layout.dims, self.data["mu"], self.data["gamma"]).scaling ** 2
+            * _SIGNS
+        )
+        self.in_grasp = self.problems.active & self.solved[:, None]
+        self.y = by_contact(self.c, self.layout.dims)
+        g = (self.D * self.y**2).sum(axis=-1)
+        self.over_g = np.where(self.in_grasp, 1.0, 0.0) / np.where(self.in_grasp, g, 1.0)
+        self.exact = np.ones(self.nu.shape)
+        if self.layout.soft_wrench:
+            self.exact = np.where(self.data["f_soft"] > 0, 0.0, 1.0)
+
+    @property
+    def _has_mu(self) -> Array:
+        """1 for contacts with coefficients, 0 for frictionless ones, shape (n,)."""
+        return (np.array(self.layout.dims) > 1).astype(float)
+
+    def solve_kkt(self, top: Array, bottom: Array) -> tuple[Array, Array]:
+        """Solve H x + W.T y = top, W x − F² y = bottom; zeros in rows without derivatives."""
+        m = self.c.shape[1]
+        x = np.concatenate((top, bottom), axis=1)[:, :, None].copy()
+        fields = [
+            np.asarray(value, dtype=np.float64, order="C")
+            for value in self.problems.fields.values()
+        ]
+        wanted = self.solved.copy()
+        native.module.kkt_solve_batch(
+            self.layout, len(x), fields, np.ascontiguousarray(self.c), wanted, x,
+            available_cores(),
+        )  # fmt: skip
+        return x[:, :m, 0], x[:, m:, 0]
+
+    # ---- what follows from the answer and the data --------------------------------------------
+
+    def _margin_parts(self) -> tuple[Array, Array]:
+        """The contacts' tangential forces, scaled, and their lengths."""
+        weight = -self.D[..., 1:]  # 1, 1, (mu/gamma)²
+        radius = np.sqrt((weight * self.y[..., 1:] ** 2).sum(axis=-1))
+        safe = np.where(radius > 0, radius, 1.0)
+        return weight * self.y[..., 1:] / safe[..., None], safe
+
+    def _upper_side(self) -> NDArray[np.bool_]:
+        """Whether the upper limit is each joint torque's nearer one."""
+        tau = equations.joint_torques(self.c, self.data["J"], self.data["tau_bias"])
+        return self.data["tau_hi"] - tau < tau - self.data["tau_lo"]
+
+    def push_forward(self, change: Mapping[str, Array], of: tuple[str, ...]) -> list[Array]:
+        """Return the changes of the quantities that changes of fields make."""
+        d = {name: change.get(name, np.zeros(self.data[name].shape)) for name in FIELDS}
+        dA, db = self._limit_changes(d)
+        dD = self._cone_changes(d)
+        i = self.inverse
+        rows = np.swapaxes(self.A, 1, 2)
+        slack_change = db - _times(dA, self.c)
+        # ∂∇Phi, at fixed c
+        top = d["alpha"][:, None] * _times(rows, i)
+        top += self.alpha * (_times(np.swapaxes(dA, 1, 2), i) - _times(rows, i**2 * slack_change))
+        dg = (dD * self.y**2).sum(axis=-1)
+        bend = -2 * self.over_g[..., None] * self.y
+        top += stacked(bend * (dD - self.D * (dg * self.over_g)[..., None]), self.layout.dims)
+        top = _times(np.swapaxes(d["W"], 1, 2), self.nu) - top
+        bottom = d["f"] - _times(d["W"], self.c)
+        if self.layout.soft_wrench:
+            bottom = bottom - 2 * self.data["f_soft"] * d["f_soft"] * self.nu
+        dc, _ = self.solve_kkt(top, bottom)
+        data, zero = self.data, ~self.solved
+        dtau = _times(np.swapaxes(data["J"], 1, 2), dc)
+        dtau = dtau + _times(np.swapaxes(d["J"], 1, 2), self.c) + d["tau_bias"]
+        found: list[Array] = []
+        for name in of:
+            if name == "c":
+                value = dc
+            elif name == "tau":
+                value = dtau
+            elif name == "phi":
+                # ∇Phi·dc = nu·(W dc), of which what softness adds takes back the soft rows
+                value = (self.exact * self.nu * _times(data["W"], dc)).sum(axis=1)
+                value = value + self._phi_change(d, dD, slack_change)
+            elif name == "friction_margins":
+                unit, radius = self._margin_parts()
+                dy = by_contact(dc, self.layout.dims)
+                stretch = (-dD[..., 1:] * self.y[..., 1:] ** 2).sum(axis=-1) / (2 * radius)
+                value = self.data["mu"] * dy[..., 0] + self._has_mu * d["mu"] * self.y[..., 0]
+                value = value - (unit * dy[..., 1:]).sum(axis=-1) - stretch
+                value = np.where(self.in_grasp, value, 0.0)
+            else:
+                up = self._upper_side()
+                value = np.where(up, d["tau_hi"] - dtau, dtau - d["tau_lo"])
+            found.append(np.where(_as(zero, value), 0.0, value))
+        return found
+
+    def _phi_change(self, d: Mapping[str, Array], dD: Array, slack_change: Array) -> Array:
+        """The change of Phi at fixed forces."""
+        i, c = self.inverse, self.c
+        logs = -np.log(np.where(i > 0, i, 1.0)).sum(axis=1)  # Σ ln r
+        value = -d["alpha"] * logs - (self.alpha * i * slack_change).sum(axis=1)
+        value = value - (self.over_g * (dD * self.y**2).sum(axis=-1)).sum(axis=1)
+        if self.layout.soft_wrench:
+            soft = (1 - self.exact) * self.nu
+            value = value + (soft * (d["f"] - _times(d["W"], c))).sum(axis=1)
+            value = value - (self.data["f_soft"] * d["f_soft"] * soft**2).sum(axis=1)
+        return value
+
+    def _limit_changes(self, d: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Changes of all_limits: linear in every field but engagement times its partners."""
+        data = self.data
+        zero = {name: np.zeros(value.shape) for name, value in data.items()}
+        fields = zero | {
+            name: d[name]
+            for name in ("J", "tau_lo", "tau_hi", "tau_bias", "c_last", "dc_max", "A", "b")
+        }
+        A, b = all_limits(self.layout, fields | {"engagement": data["engagement"]} | {
+            name: d[name] for name in ("c_max", "c_min")
+        })  # fmt: skip
+        # the rows of normal and rate limits do not depend on any field
+        constant, _ = all_limits(self.layout, zero)
+        _, of_engagement = all_limits(
+            self.layout,
+            zero | {name: data[name] for name in ("c_max", "c_min")}
+            | {"engagement": d["engagement"]},
+        )  # fmt: skip
+        return A - constant, b + of_engagement
+
+    def _cone_changes(self, d: Mapping[str, Array]) -> Array:
+        """Changes of ±(mu², 1, 1, (mu/gamma)²); frictionless contacts have no coefficients."""
+        mu, gamma = self.data["mu"], self.data["gamma"]
+        has = self._has_mu
+        dD = np.zeros((*mu.shape, 4))
+        dD[..., 0] = 2 * mu * d["mu"] * has
+        dD[..., 3] = -(2 * mu / gamma**2 * d["mu"] - 2 * mu**2 / gamma**3 * d["gamma"]) * has
+        return dD
+
+    def pull_back(self, given: Mapping[str, Array], names: tuple[str, ...]) -> dict[str, Array]:
+        """Return gradients by fields from gradients by quantities."""
+        data, layout, c = self.data, self.layout, self.c
+        live = self.solved[:, None]
+        sizes = layout.sizes
+        zeros = {name: np.zeros((len(c), *(sizes[a] for a in axes)))
+                 for name, axes in QUANTITIES.items()}  # fmt: skip
+        given = zeros | {name: np.where(_as(self.solved, v), v, 0.0) for name, v in given.items()}
+        out = {name: np.zeros(value.shape) for name, value in data.items()}
+        to_c, to_tau, to_phi = np.array(given["c"]), np.array(given["tau"]), given["phi"][:, None]
+        if layout.joints:
+            up, margin = self._upper_side(), given["torque_margins"]
+            out["tau_hi"] += np.where(up, margin, 0.0)
+            out["tau_lo"] -= np.where(up, 0.0, margin)
+            to_tau += np.where(up, -margin, margin)
+        to_D = np.zeros(self.D.shape)
+        margin = np.where(self.in_grasp, given["friction_margins"], 0.0)
+        unit, radius = self._margin_parts()
+        to_y = np.concatenate((data["mu"][..., None], -unit), axis=-1) * margin[..., None]
+        to_c += stacked(to_y, layout.dims)
+        out["mu"] += margin * self.y[..., 0]
+        to_D[..., 1:] += (margin / (2 * radius))[..., None] * self.y[..., 1:] ** 2
+        out["tau_bias"] += to_tau
+        out["J"] += c[:, :, None] * to_tau[:, None, :]
+        to_c += _times(data["J"], to_tau)
+        # Phi* has the gradient W.T nu by c: its adjoint is x = 0, y = nu in the exact rows.
+        x, y = self.solve_kkt(to_c, np.zeros(self.nu.shape))
+        y = y + to_phi * self.nu
+        out["f"] += y
+        out["W"] += self.nu[:, :, None] * x[:, None, :] - y[:, :, None] * c[:, None, :]
+        if layout.soft_wrench:
+            out["f_soft"] += -2 * data["f_soft"] * self.nu * (y - to_phi * self.nu)
+            out["f_soft"] -= to_phi * data["f_soft"] * (1 - self.exact) * self.nu**2
+        i = self.inverse
+        along = _times(self.A, x)
+        logs = -np.log(np.where(i > 0, i, 1.0)).sum(axis=1)
+        out["alpha"] += -(along * i).sum(axis=1) - to_phi[:, 0] * logs
+        to_b = self.alpha * (along * i**2 - to_phi * i)
+        to_A = -to_b[:, :, None] * c[:, None, :] - (self.alpha * i)[:, :, None] * x[:, None, :]
+        to_D += self._cone_gradient(x) - (to_phi * self.over_g)[..., None] * self.y**2
+        self._to_limits(to_A, to_b, out)
+        self._to_coefficients(to_D, out)
+        return {name: np.where(_as(live[:, 0], out[name]), out[name], 0.0) for name in names}
+
+    def _cone_gradient(self, x: Array) -> Array:
+        """The gradient of −x·∇Phi_soc = 2 Σ D y x / g by D."""
+        z, y, over = by_contact(x, self.layout.dims), self.y, self.over_g[..., None]
+        q = (self.D * y * z).sum(axis=-1, keepdims=True)
+        return 2 * over * y * (z - q * over * y)
+
+    def _to_limits(self, to_A: Array, to_b: Array, out: dict[str, Array]) -> None:
+        """Hand the gradients by A and b of all_limits on to the fields."""
+        layout, data, sizes = self.layout, self.data, self.layout.sizes
+        joints, n, m = sizes["n_joints"], sizes["n"], sizes["m"]
+        place = 0
+
+        def take(count: int) -> tuple[Array, Array]:
+            nonlocal place
+            place += count
+            return to_A[:, place - count : place], to_b[:, place - count : place]
+
+        (A_hi, b_hi), (A_lo, b_lo) = take(joints), take(joints)
+        out["J"] += np.swapaxes(A_hi - A_lo, 1, 2)
+        out["tau_hi"] += b_hi
+        out["tau_lo"] -= b_lo
+        out["tau_bias"] += b_lo - b_hi
+        if layout.ceilings:
+            _, b = take(n)
+            out["c_max"] += data["engagement"] * b
+            out["engagement"] += data["c_max"] * b
+        if layout.floors:
+            _, b = take(n)
+            out["c_min"] -= data["engagement"] * b
+            out["engagement"] -= data["c_min"] * b
+        if layout.rate_limits:
+            (_, above), (_, below) = take(m), take(m)
+            out["c_last"] += above - below
+            out["dc_max"] += above + below
+        A, b = take(sizes["p"])
+        out["A"] += A
+        out["b"] += b
+
+    def _to_coefficients(self, to_D: Array, out: dict[str, Array]) -> None:
+        """Hand the gradient by ±(mu², 1, 1, (mu/gamma)²) on to mu and gamma."""
+        mu, gamma = self.data["mu"], self.data["gamma"]
+        out["mu"] += 2 * mu * to_D[..., 0] - 2 * mu / gamma**2 * to_D[..., 3]
+        out["gamma"] += 2 * mu**2 / gamma**3 * to_D[..., 3]
+        for name in ("mu", "gamma"):
+            out[name] *= self._has_mu
+
+
+def _times(A: Array, x: Array) -> Array:
+    return (A @ x[..., None])[..., 0]
+
+
+def _as(rows: NDArray[np.bool_], value: Array) -> NDArray[np.bool_]:
+    """Return a truth value a row, to broadcast against an array of rows."""
+    return rows.reshape(-1, *[1] * (value.ndim - 1))
+
+
+def sensitivity(answer: Solution | Batch) -> Sensitivity:
+    """Return the derivatives of an answer with respect to everything in its problem.
+
+    They are as exact as the answer: solve with ``Settings(tol=1e-14)`` where it matters.
+
+    Args:
+        answer: what :func:`graspforce.solve` or :func:`graspforce.solve_batch` returned.
+
+    Raises:
+        InvalidInputError: something else; a problem with ``internal``, with ``cone_weight``, or
+            with contacts that pull.
+    """
+    require_instance(answer, "answer", Solution | Batch, "a Solution or a Batch")
+    if isinstance(answer, Batch):
+        return Sensitivity(answer.problems, answer.c, answer.nu, answer.solved)
+    problem = answer.problem
+    fields = {name: view[None] for name, view in problem.layout.views(problem.packed).items()}
+    problems = BatchProblems(problem.layout, fields, 1)
+    solved = np.array([answer.status is Status.SOLVED])
+    return Sensitivity(problems, answer.c[None], answer.nu[None], solved, single=True)

@@ -1,0 +1,127 @@
+"""The built site: what `make docs` runs behind the build, on build/site.
+
+No page asks another machine for anything, every link leads somewhere, every public name is
+documented, and the words that a newcomer types lead to the page that is meant.
+"""
+
+import importlib
+import inspect
+import json
+import re
+import zlib
+from html.parser import HTMLParser
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from pages import ROOT
+
+import graspforce as gf
+
+SITE = ROOT / "build" / "site"
+HTML = sorted(path for path in SITE.rglob("*.html") if "_static" not in path.parts)
+MODULES = (
+    "baselines", "control", "equations", "figures", "files", "firmness", "guaranteed", "hands",
+    "payload", "reference", "regrasp", "robust", "scenarios", "sim", "soles", "trajectory", "warp",
+)  # fmt: skip
+FIRST_FOR = {
+    "friction cone": "understand/problem",
+    "torque limit": "understand/problem",
+    "urdf": "do/urdf",
+    "infeasible": "do/infeasible",
+    "alpha": "do/alpha",
+    "batch": "gpu",
+    "gradient": "do/gradients",
+    "slip": "understand/problem",
+    "regrasp": "do/regrasp",
+    "real time": "do/loop",
+}
+
+
+class _Page(HTMLParser):
+    """What a page loads, where it links to, and the places in it that can be linked to."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.loads, self.links, self.ids = [], [], set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.ids |= {given["id"]} if "id" in given else set()
+        if tag == "a":
+            self.links += [given["href"]] if "href" in given else []
+        elif tag == "link":
+            self.loads += [] if given.get("rel") == "canonical" else [given["href"]]
+        elif "src" in given:
+            self.loads.append(given["src"])
+
+
+@pytest.fixture(scope="module")
+def pages():
+    assert len(HTML) > 50
+    return {path: _Page(path.read_text(encoding="utf-8")) for path in HTML}
+
+
+def test_nothing_is_loaded_from_elsewhere(pages):
+    for path, page in pages.items():
+        assert not [url for url in page.loads if urlsplit(url).netloc], path
+    styles = [path.read_text(encoding="utf-8") for path in SITE.rglob("*.css")]
+    assert styles
+    asked = re.compile(r"(?:url\(|@import)\s*['\"]?(?:https?:)?//")
+    assert not [text for text in styles if asked.search(text)]
+
+
+def test_every_link_leads_somewhere(pages):
+    count = 0
+    for path, page in pages.items():
+        for link in {*page.links, *page.loads}:
+            url = urlsplit(link)
+            if url.scheme:
+                continue
+            target = (path.parent / unquote(url.path)).resolve() if url.path else path
+            assert target.exists(), f"{path.name}: {link}"
+            if url.fragment and target.suffix == ".html":
+                assert unquote(url.fragment) in pages[target].ids, f"{path.name}: {link}"
+            count += 1
+    assert count > 1000
+
+
+def documented():
+    """Return the names of the site's inventory of Python objects."""
+    raw = (SITE / "objects.inv").read_bytes().split(b"\n", 4)[4]
+    lines = zlib.decompress(raw).decode().splitlines()
+    return {line.split(" ")[0] for line in lines if " py:" in line}
+
+
+def public(module):
+    """Return what a module's __all__ names, or else the functions and classes that it defines."""
+    if hasattr(module, "__all__"):
+        return [name for name in module.__all__ if not inspect.ismodule(getattr(module, name))]
+    return [
+        name
+        for name, value in vars(module).items()
+        if not name.startswith("_")
+        and (inspect.isfunction(value) or inspect.isclass(value))
+        and value.__module__ == module.__name__
+    ]
+
+
+def test_every_public_name_is_documented():
+    known = documented()
+    wanted = [f"graspforce.{name}" for name in public(gf)]
+    for name in MODULES:
+        module = importlib.import_module(getattr(gf, name).__name__)
+        wanted += [module.__name__] + [f"{module.__name__}.{each}" for each in public(module)]
+    wanted += [f"graspforce.baselines.{name}.solve" for name in gf.baselines.METHODS]
+    missing = sorted(set(wanted) - known)
+    assert not missing
+
+
+def test_what_newcomers_type_finds_the_page_first():
+    text = (SITE / "searchindex.js").read_text(encoding="utf-8")
+    index = json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
+    for words, page in FIRST_FOR.items():
+        # Only a main entry, "! word" in the page, comes before titles and names of objects.
+        entries = index["indexentries"].get(words, [])
+        found = [index["docnames"][number] for number, _, is_main in entries if is_main]
+        assert found == [page], words
