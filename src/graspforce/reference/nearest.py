@@ -68,6 +68,8 @@ def move_inward(problem: ForceProblem, edge: Array, max_steps: int) -> Nearest:
         float(equations.relative_violation(c, problem.barriers, scales)) for c in (edge, first.c)
     )
     outside = max(0.0, outside)
+    if np.abs(edge).max() < np.finfo(float).eps * force_size(problem.barriers, problem.f):
+        edge = np.zeros(len(edge))  # what is left of forces that shrink to nothing
     if inside >= 0:
         return Nearest(edge, first.steps)
     share = INWARD + 2 * outside / (outside - inside)
