@@ -410,7 +410,7 @@ class ForceProblem:
             internal forces of the motors. The columns of contacts that are out of the grasp are
             zero, and rows that touch nothing else are left out.
         """
-        A, b = all_limits(self.layout, self.layout.views(self.packed))
+        A, b = all_limits(self.layout, with_bands(self.layout, self.layout.views(self.packed)))
         if self.active.all():
             return A, b
         counted = self.counted_limits()
@@ -534,12 +534,26 @@ def row_kinds(k: int) -> tuple[slice, slice]:
     return slice(0, forces), slice(forces, forces + torques)
 
 
+def with_bands(layout: Layout, fields: Mapping[str, Array]) -> Mapping[str, Array]:
+    """Return the fields with the band between c_min and c_max that a set squeeze leaves."""
+    if not (layout.ceilings and layout.floors):
+        return fields
+    pull = fields["pull"] if layout.pulls else 0.0
+    most, least = fields["c_max"] + pull, fields["c_min"] + pull
+    return {
+        **fields,
+        "c_max": np.maximum(most, (1 + SQUEEZE) * least) - pull,
+        "c_min": np.minimum(least, (1 - SQUEEZE) * most) - pull,
+    }
+
+
 def all_limits(layout: Layout, fields: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return all linear limits of a problem, or of a batch of them, as ``A c ≤ b``.
 
     Args:
         layout: of the problems.
-        fields: the problems' fields by name, with any leading axes, see :meth:`Layout.views`.
+        fields: the problems' fields :func:`with_bands`, by name, with any leading axes, see
+            :meth:`Layout.views`. Linear in all but the products of engagement and its partners.
 
     Returns:
         A, shape (…, v, m + r), and b, shape (…, v), in the order of
@@ -548,17 +562,10 @@ def all_limits(layout: Layout, fields: Mapping[str, Array]) -> tuple[Array, Arra
     arms = np.concatenate((fields["J"], fields["internal"]), axis=-2)
     room = (fields[name] - fields["tau_bias"] for name in ("tau_lo", "tau_hi"))
     parts = [equations.torque_limits(arms, *room)]
-    pull = fields["pull"] if layout.pulls else 0.0
     if layout.ceilings:
-        c_max = fields["c_max"]
-        if layout.floors:
-            c_max = np.maximum(c_max + pull, (1 + SQUEEZE) * (fields["c_min"] + pull)) - pull
-        parts.append(equations.ceilings(layout.dims, fields["engagement"], c_max))
+        parts.append(equations.ceilings(layout.dims, fields["engagement"], fields["c_max"]))
     if layout.floors:
-        c_min = fields["c_min"]
-        if layout.ceilings:
-            c_min = np.minimum(c_min + pull, (1 - SQUEEZE) * (fields["c_max"] + pull)) - pull
-        normals, floors = equations.ceilings(layout.dims, fields["engagement"], c_min)
+        normals, floors = equations.ceilings(layout.dims, fields["engagement"], fields["c_min"])
         parts.append((-normals, -floors))
     if layout.rate_limits:
         unit = np.eye(sum(layout.dims))

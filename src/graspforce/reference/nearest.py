@@ -22,7 +22,8 @@ NEAREST, NEAREST_FLOOR = 1e-11, 1e-16
 NEARLY = 1e-8
 # Relative slack of forces that are well inside, where there is room for it.
 WELL_INSIDE = 0.1
-# Share of the way there that forces on the edge are moved, and the largest that may take.
+# Share of the way there that forces on the boundary are moved, and the largest for those on the
+# edge.
 INWARD, MOST_INWARD = 1e-11, 1e-7
 # Share of the wrenches that add up to f to which they have to make it after that.
 WRENCH_TOLERANCE = 1e-9
@@ -123,9 +124,9 @@ def find_nearest(problem: ForceProblem, known: Array, max_steps: int) -> Nearest
         c = c + gamma * d
         if gamma == 0 or decrement < CENTERED:
             cost = float(np.square(barriers.lack(c)).sum()) / 2
-            if share * terms < max(NEAREST * cost, NEAREST_FLOOR):
-                return Nearest(c, steps, found=True)
-            if gamma == 0:
-                return Nearest(c, steps, found=share * terms < NEARLY * cost)
+            near = share * terms < max(NEAREST * cost, NEAREST_FLOOR)
+            if near or gamma == 0:
+                c = c + INWARD * (first.c - c)
+                return Nearest(c, steps, found=near or share * terms < NEARLY * cost)
             share /= 10
     return Nearest(c, steps)

@@ -21,7 +21,7 @@ from graspforce._engine.layout import Layout
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.equations import Barriers, Cones
-from graspforce.problem import all_limits, preload, soft_rows, without_pulls
+from graspforce.problem import all_limits, preload, soft_rows, with_bands, without_pulls
 from graspforce.solution import Solution
 
 # Most solutions computed together; bounds the memory for their limits.
@@ -244,7 +244,7 @@ class ProblemRows:
     def barriers(self) -> Barriers:
         """The terms of Eq. (16), of the forces ``loaded``."""
         layout, data = without_pulls(self.layout, self.data)
-        A, b = all_limits(layout, data)
+        A, b = all_limits(layout, with_bands(layout, data))
         soft = soft_rows(data) if layout.soft_wrench else ()
         return Barriers(self.cones, A, b, data["alpha"], *soft)
 

@@ -131,7 +131,7 @@ def _at_least_proved(outcome: Outcome, problem: ForceProblem) -> bool:
         return False
     certificate = Certificate(y, z[problem.counted_limits()])
     A, _ = problem.linear_limits()
-    e = A.T @ certificate.z - problem.W.T @ y
+    e = A.T @ certificate.z - problem.equalities[0].T @ y
     of_rows, of_cones = problem.violation_scales()
     normals = (e[problem.starts[:-1]] * of_cones / problem.mu)[problem.active]
     bound = certificate.excess(problem) / (certificate.z @ of_rows + normals.sum())
