@@ -140,9 +140,11 @@ class Engine {
     }
     kernels_.dispatch(problem, changed, [&](auto& barrier) {
       if (rank_.deficient()) reduce_rank(barrier, problem);
-      attempt(barrier, problem, budget, changed, work);
-      if (answer_.result.status == Status::WrenchUnreachable)
-        hold_nearest(barrier, problem, budget, changed, work);
+      // Once more for the nearest wrench where no forces make f.
+      for (const Problem* wanted = &problem; wanted != nullptr;) {
+        work(barrier, *wanted, budget, changed);
+        wanted = judge(barrier, problem, *wanted);
+      }
     });
     Result& result = answer_.result;
     // The multiplier of a soft row, (f − W c)/F², may overflow where the forces are fine.
@@ -154,36 +156,44 @@ class Engine {
     result.elapsed_us = budget.elapsed_us();
   }
 
-  // Works towards a wrench, and looks at what has come of it.
-  template <class AnyBarrier, class Work>
-  GRASPFORCE_INLINE void attempt(AnyBarrier& barrier, const Problem& wanted, Budget& budget,
-                                 unsigned changed, Work& work) {
-    work(barrier, wanted, budget, changed);
+  // Looks at what has come of work towards a wrench. The problem to go on with; null as a rule.
+  template <class AnyBarrier>
+  GRASPFORCE_INLINE const Problem* judge(AnyBarrier& barrier, const Problem& problem,
+                                         const Problem& wanted) {
     Status& status = answer_.result.status;
     if (status == Status::Solved && rank_.deficient() && !rank_.fits(wanted, answer_.c.data()))
       status = Status::Stalled;
     minimal_ = status == Status::Solved;
     unfinished_ = status == Status::MaxSteps && answer_.wrench_error < kInfinity;
+    if (&wanted != &problem) return keep_verdict();
+    return status == Status::WrenchUnreachable ? nearest_in_range(barrier, problem) : nullptr;
   }
 
-  // No forces make f: solves for the wrench nearest to it in the range of W, or for the nearest to
-  // that where it is infeasible itself. The verdict stays.
-  template <class AnyBarrier, class Work>
-  void hold_nearest(AnyBarrier& barrier, const Problem& problem, Budget& budget, unsigned changed,
-                    Work& work) {
-    Problem nearest = problem;
-    nearest.f = range_.project(problem, rank_.all_exact_rows(), int(rank_.exact_rows().size()));
+  // The problem with the wrench nearest to f in the range of W, which the barrier is led to.
+  template <class AnyBarrier>
+  GRASPFORCE_APART const Problem* nearest_in_range(AnyBarrier& barrier, const Problem& problem) {
+    nearest_ = problem;
+    nearest_.f = range_.project(problem, rank_.all_exact_rows(), int(rank_.exact_rows().size()));
     rank_.reach();
-    kernels_.rows(barrier).restrict_rows(nearest, rank_.rows());
-    attempt(barrier, nearest, budget, changed, work);
+    kernels_.rows(barrier).restrict_rows(nearest_, rank_.rows());
+    return &nearest_;
+  }
+
+  // What has been found for that wrench comes with the verdict on f itself.
+  GRASPFORCE_APART const Problem* keep_verdict() {
     Result& result = answer_.result;
     const bool found = result.nearest || minimal_ || unfinished_ ||
                        result.status == Status::Infeasible || result.status == Status::OnEdge;
-    if (!found || !answer_.finite()) return answer_.clear(Status::WrenchUnreachable);
-    result.nearest = result.nearest || minimal_;
-    result.status = Status::WrenchUnreachable;
-    result.decrement = kInfinity;
-    result.violation = 0;
+    if (found && answer_.finite()) {
+      result.nearest = result.nearest || minimal_;
+      result.status = Status::WrenchUnreachable;
+      result.decrement = kInfinity;
+      result.violation = 0;
+    } else {
+      answer_.clear(Status::WrenchUnreachable);
+      minimal_ = unfinished_ = false;
+    }
+    return nullptr;
   }
 
   // Reduces W c = f to independent rows where it has others.
@@ -256,6 +266,7 @@ class Engine {
   Fallback fallback_;
   RankExamination rank_;
   RangeProjection range_;
+  Problem nearest_;  // the problem with f in the range of W, where it is not
   History history_;
   Answer answer_;
   std::vector<double> given_;  // a start with zeros for the internal forces
