@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "graspforce/batch.hpp"
+#include "graspforce/batch_derivatives.hpp"
 #include "interpreter.hpp"
 
 namespace graspforce {
@@ -85,6 +86,29 @@ nb::object own(std::unique_ptr<T[]> numbers, Sizes... sizes) {
   return nb::cast(NumpyArray(data, {std::size_t(sizes)...}, owner));
 }
 
+using Truths = nb::ndarray<bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+// Answers that stand side by side, a row each.
+inline const double* lines_of(nb::handle object, std::size_t size, std::ptrdiff_t count,
+                              const char* name) {
+  const Column column = column_of(object, 1, size, count, name);
+  if (count > 1 && column.step != std::ptrdiff_t(size))
+    throw nb::value_error((std::string(name) + ": expected rows side by side").c_str());
+  return column.first;
+}
+
+// Runs work(poll) without the interpreter's lock; raises what the user's Ctrl-C does.
+template <class Work>
+void interruptible(Work work) {
+  bool finished;
+  {
+    const nb::gil_scoped_release release;
+    Interruption interruption;
+    finished = work([&] { return interruption.go_on(); });
+  }
+  if (!finished) throw nb::python_error();
+}
+
 // Solves a batch into the arrays given; returns the infeasible rows and their certificates, each y
 // then z.
 inline nb::object solve_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::sequence fields,
@@ -102,14 +126,12 @@ inline nb::object solve_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::seq
       decrement.size() != entries || violation.size() != entries || nearest.size() != entries)
     throw nb::value_error("outputs: expected arrays of one entry, or line, a row");
   std::optional<std::vector<BatchProof>> proofs;
-  {
-    const nb::gil_scoped_release release;
-    Interruption interruption;
-    const BatchAnswers answers{c.data(),      nu.data(),      status.data(),    newton_steps.data(),
-                               starts.data(), nearest.data(), decrement.data(), violation.data()};
-    proofs = solve_batch(rows, answers, threads, [&] { return interruption.go_on(); });
-  }
-  if (!proofs) throw nb::python_error();
+  const BatchAnswers answers{c.data(),      nu.data(),      status.data(),    newton_steps.data(),
+                             starts.data(), nearest.data(), decrement.data(), violation.data()};
+  interruptible([&](auto poll) {
+    proofs = solve_batch(rows, answers, threads, poll);
+    return proofs.has_value();
+  });
   const std::size_t found = proofs->size(), line = k + limit_count(rows.layout);
   auto of_rows = std::make_unique<std::int64_t[]>(found);
   auto numbers = std::make_unique<double[]>(found * line);
@@ -120,30 +142,54 @@ inline nb::object solve_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::seq
   return nb::make_tuple(own(std::move(of_rows), found), own(std::move(numbers), found, line));
 }
 
-// Solves the KKT systems of a batch at forces c for the columns of `x`, (B, m + k, n), in place;
+// Solves the KKT systems of a batch at forces c for a right-hand side a row, (B, m + k), in place;
 // `wanted` tells of which rows, and afterwards which had forces strictly inside every limit.
 inline void kkt_solve_batch(nb::handle tuple, std::ptrdiff_t count, nb::sequence fields,
-                            nb::handle c,
-                            nb::ndarray<bool, nb::ndim<1>, nb::c_contig, nb::device::cpu> wanted,
-                            nb::ndarray<double, nb::ndim<3>, nb::c_contig, nb::device::cpu> x,
+                            nb::handle c, Truths wanted,
+                            nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu> x,
                             int threads) {
   const BatchRows rows = rows_of(tuple, count, fields);
-  const std::size_t m = rows.layout.components(), k = rows.layout.wrench_rows;
-  const std::size_t width = force_count(rows.layout);
-  const Column forces = column_of(c, 1, width, count, "c");
-  if (count > 1 && forces.step != std::ptrdiff_t(width))
-    throw nb::value_error("c: expected rows side by side");
-  if (wanted.size() != std::size_t(count) || x.shape(0) != std::size_t(count) ||
-      x.shape(1) != m + k)
-    throw nb::value_error("x: expected count x (m + k) x n");
-  bool finished;
-  {
-    const nb::gil_scoped_release release;
-    Interruption interruption;
-    finished = solve_batch_kkt(rows, forces.first, wanted.data(), x.data(), int(x.shape(2)),
-                               threads, [&] { return interruption.go_on(); });
+  const std::size_t line = rows.layout.components() + rows.layout.wrench_rows;
+  if (wanted.size() != std::size_t(count) || x.shape(0) != std::size_t(count) || x.shape(1) != line)
+    throw nb::value_error("x: expected count x (m + k)");
+  const BatchOptima optima{lines_of(c, force_count(rows.layout), count, "c"), nullptr,
+                           wanted.data()};
+  interruptible([&](auto poll) { return solve_batch_kkt(rows, optima, x.data(), threads, poll); });
+}
+
+// Pulls the gradients of a number by the answers (c, tau, Phi, friction margins, torque margins;
+// None where it does not depend on them) back to the fields, into arrays of a row each in the order
+// of the layout's fields, None where they are not wanted.
+inline void pull_back_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::sequence fields,
+                               nb::handle c, nb::handle nu, Truths wanted, nb::sequence gradients,
+                               nb::sequence out, int threads) {
+  const BatchRows rows = rows_of(tuple, count, fields);
+  const Layout& l = rows.layout;
+  if (wanted.size() != std::size_t(count)) throw nb::value_error("wanted: expected a value a row");
+  const BatchOptima optima{lines_of(c, force_count(l), count, "c"),
+                           lines_of(nu, l.wrench_rows, count, "nu"), wanted.data()};
+  BatchGradients given;
+  const auto gradient = [&](int i, int axes, std::size_t size) {
+    const nb::object array = gradients[i];
+    return array.is_none() ? Column() : column_of(array, axes, size, count, "gradients");
+  };
+  given.c = gradient(0, 1, l.components());
+  given.tau = gradient(1, 1, l.joints);
+  given.phi = gradient(2, 0, 1);
+  given.friction_margins = gradient(3, 1, l.contacts());
+  given.torque_margins = gradient(4, 1, l.joints);
+  std::size_t next = 0;
+#define GRASPFORCE_TAKE(name, type, height, width, ...)                                  \
+  given.fields.name = nullptr;                                                           \
+  if (const nb::object array = out[next++]; !array.is_none()) {                          \
+    const auto numbers = nb::cast<Numbers>(array, false);                                \
+    if (numbers.size() != std::size_t(count) * std::size_t(height) * std::size_t(width)) \
+      throw nb::value_error("out: expected arrays of a row each");                       \
+    given.fields.name = numbers.data();                                                  \
   }
-  if (!finished) throw nb::python_error();
+  GRASPFORCE_FIELDS(GRASPFORCE_TAKE)
+#undef GRASPFORCE_TAKE
+  interruptible([&](auto poll) { return pull_back_batch(rows, optima, given, threads, poll); });
 }
 
 }  // namespace graspforce

@@ -41,8 +41,18 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
              "c"_a, "wanted"_a, "x"_a, "threads"_a,
              nb::sig("def kkt_solve_batch(layout: object, count: int, fields: Sequence[object], c: "
                      "object, wanted: object, x: object, threads: int) -> None"),
-             "kkt_solve in place for the columns of x, (B, m + k, n), of the rows that are wanted; "
+             "kkt_solve in place for a right-hand side x, (B, m + k), of the rows that are wanted; "
              "zeros for the others and for those with forces c that are not strictly inside.");
+
+  module.def(
+      "pull_back_batch", &graspforce::pull_back_batch_of, "layout"_a, "count"_a, "fields"_a, "c"_a,
+      "nu"_a, "wanted"_a, "gradients"_a, "out"_a, "threads"_a,
+      nb::sig("def pull_back_batch(layout: object, count: int, fields: Sequence[object], c: "
+              "object, nu: object, wanted: object, gradients: Sequence[object], out: "
+              "Sequence[object], threads: int) -> None"),
+      "Pulls the gradients of a number by the answers' c, tau, Phi, friction and torque margins "
+      "(None: it does not depend on them) back to the fields, into `out`, in the layout's order; "
+      "zeros in rows that are not wanted.");
 
   module.def(
       "kkt_solve", &graspforce::kkt_solve, "layout"_a, "packed"_a, "c"_a, "rhs"_a,

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "expect.hpp"
+#include "graspforce/batch_derivatives.hpp"
 #include "random_grasp.hpp"
 
 using namespace graspforce;
@@ -20,6 +21,7 @@ struct Rows {
   std::vector<double> c, nu, decrement, violation;
   std::vector<int> status, newton_steps, starts, nearest;
   std::vector<BatchProof> proofs;
+  bool share_limits = false;  // all rows are read with the first's numbers but for W, f and J
 
   std::size_t line() const { return Offsets(layout).size; }
   std::size_t forces() const { return force_count(layout); }
@@ -30,21 +32,33 @@ struct Rows {
     c.assign(B * forces(), -1), nu.assign(B * k, -1), decrement.assign(B, -1),
         violation.assign(B, -1);
     status.assign(B, -1), newton_steps.assign(B, -1), starts.assign(B, -1), nearest.assign(B, -1);
-    BatchRows rows;
-    rows.layout = layout;
-    rows.settings = settings;
-    rows.count = std::ptrdiff_t(B);
-    const Offsets at(layout);
-    const std::ptrdiff_t step = std::ptrdiff_t(line());
-#define GRASPFORCE_COLUMN(name, ...) rows.fields.name = {packed.data() + at.name, step};
-    GRASPFORCE_FIELDS(GRASPFORCE_COLUMN)
-#undef GRASPFORCE_COLUMN
-    if (!start.empty()) rows.start = {start.data(), std::ptrdiff_t(forces())};
+    const BatchRows rows = columns(settings);
     const BatchAnswers answers{c.data(),      nu.data(),      status.data(),    newton_steps.data(),
                                starts.data(), nearest.data(), decrement.data(), violation.data()};
     const auto found = solve_batch(rows, answers, threads, [] { return true; });
     EXPECT(found.has_value());
     proofs = *found;
+  }
+
+  BatchRows columns(Settings settings = {}) const {
+    BatchRows rows;
+    rows.layout = layout;
+    rows.settings = settings;
+    rows.count = std::ptrdiff_t(count());
+    const Offsets at(layout);
+    const std::ptrdiff_t step = std::ptrdiff_t(line());
+#define GRASPFORCE_COLUMN(name, ...) rows.fields.name = {packed.data() + at.name, step};
+    GRASPFORCE_FIELDS(GRASPFORCE_COLUMN)
+#undef GRASPFORCE_COLUMN
+    if (share_limits) {
+      const std::ptrdiff_t own[] = {rows.fields.W.step, rows.fields.f.step, rows.fields.J.step};
+#define GRASPFORCE_SHARE(name, ...) rows.fields.name.step = 0;
+      GRASPFORCE_FIELDS(GRASPFORCE_SHARE)
+#undef GRASPFORCE_SHARE
+      rows.fields.W.step = own[0], rows.fields.f.step = own[1], rows.fields.J.step = own[2];
+    }
+    if (!start.empty()) rows.start = {start.data(), std::ptrdiff_t(forces())};
+    return rows;
   }
 };
 
@@ -134,6 +148,43 @@ void rows_are_solved_as_the_engine_does() {
   EXPECT(solved > 2000);
 }
 
+// Limits that all rows share, joint by joint others, where joints go from finger to finger.
+void rows_may_share_their_limits() {
+  Random random(5);
+  Layout layout;
+  layout.models.assign(4, Model::PCWF);
+  layout.joints = 12;
+  layout.ceilings = true;
+  const RandomGrasp limits(random, layout);
+  Rows rows;
+  rows.layout = layout;
+  rows.share_limits = true;
+  for (int i = 0; i < 500; ++i) {
+    RandomGrasp grasp(random, layout);
+    for (int j = 0; j < layout.joints; ++j) {
+      grasp.data.tau_lo[j] = -0.05 * (1 + j * j);
+      grasp.data.tau_hi[j] = 0.1 * (1 + j);
+    }
+    for (int j = 0; j < layout.joints && random.chance(0.3); ++j) {
+      const int other = random.below(layout.joints);
+      for (int c = 0; c < layout.components(); ++c)
+        std::swap(grasp.data.J(c, j), grasp.data.J(c, other));
+    }
+    for (int k = 0; k < layout.contacts(); ++k) {
+      grasp.data.mu[k] = limits.data.mu[k];
+      grasp.data.c_max[k] = limits.data.c_max[k];
+    }
+    grasp.data.alpha = 10;
+    grasp.wish(random, random.chance(0.1) ? 20 : random.uniform(0, 0.3));
+    rows.packed.insert(rows.packed.end(), grasp.data.packed(),
+                       grasp.data.packed() + grasp.data.packed_size());
+  }
+  int solved = 0;
+  rows.solve(1);
+  agree_with_engine(rows, solved);
+  EXPECT(solved > 200);
+}
+
 // Bit for bit, whatever the number of threads, the order and the neighbours.
 void a_row_depends_on_itself_alone() {
   Random random(2);
@@ -160,6 +211,48 @@ void a_row_depends_on_itself_alone() {
              0);
       EXPECT(some.status[i] == rows.status[kept[i]]);
       EXPECT(some.newton_steps[i] == rows.newton_steps[kept[i]]);
+    }
+  }
+}
+
+// The KKT systems of a batch have the solutions that the factor of each row has, and rows without
+// an answer zeros.
+void kkt_systems_are_solved_as_by_the_factor() {
+  Random random(6);
+  for (int trial = 0; trial < 20; ++trial) {
+    Rows rows = random_rows(random, random_layout(random, 9), 100);
+    rows.solve(1);
+    const std::size_t forces = rows.forces(), m = rows.layout.components();
+    const std::size_t line = m + rows.layout.wrench_rows;
+    std::vector<double> sides(rows.count() * line);
+    for (std::size_t i = 0; i < sides.size(); ++i)
+      sides[i] = i % line < m ? random.normal() : 0;  // in the range of any W
+    std::vector<double> x = sides;
+    const std::unique_ptr<bool[]> wanted(new bool[rows.count()]);
+    for (std::size_t i = 0; i < rows.count(); ++i)
+      wanted[i] = rows.status[i] == int(Status::Solved);
+    const BatchRows columns = rows.columns();
+    const BatchOptima optima{rows.c.data(), rows.nu.data(), wanted.get()};
+    EXPECT(solve_batch_kkt(columns, optima, x.data(), 2, [] { return true; }));
+    Factor factor(rows.layout);
+    for (std::size_t i = 0; i < rows.count(); ++i) {
+      double* const own = sides.data() + i * line;
+      const double* const found = x.data() + i * line;
+      if (!wanted[i]) {
+        EXPECT(std::count(found, found + line, 0.0) == std::ptrdiff_t(line));
+        continue;
+      }
+      factor.forget();
+      EXPECT(factor.at(rows.packed.data() + i * rows.line(), rows.c.data() + i * forces));
+      factor.solve(own, 1);
+      for (auto [first, last] : {std::pair(std::size_t(0), m), std::pair(m, line)}) {
+        double largest = 0, off = 0;
+        for (std::size_t j = first; j < last; ++j) {
+          largest = std::max(largest, std::abs(own[j]));
+          off = std::max(off, std::abs(own[j] - found[j]));
+        }
+        EXPECT(off <= 1e-9 * largest);
+      }
     }
   }
 }
@@ -215,7 +308,9 @@ void a_batch_stops() {
 
 int main() {
   rows_are_solved_as_the_engine_does();
+  rows_may_share_their_limits();
   a_row_depends_on_itself_alone();
+  kkt_systems_are_solved_as_by_the_factor();
   settings_hold_for_each_row();
   a_batch_stops();
   return verdict("batch");

@@ -24,7 +24,12 @@ def solve_batch(layout: object, count: int, fields: Sequence[object], start: obj
 
 def kkt_solve_batch(layout: object, count: int, fields: Sequence[object], c: object, wanted: object, x: object, threads: int) -> None:
     """
-    kkt_solve in place for the columns of x, (B, m + k, n), of the rows that are wanted; zeros for the others and for those with forces c that are not strictly inside.
+    kkt_solve in place for a right-hand side x, (B, m + k), of the rows that are wanted; zeros for the others and for those with forces c that are not strictly inside.
+    """
+
+def pull_back_batch(layout: object, count: int, fields: Sequence[object], c: object, nu: object, wanted: object, gradients: Sequence[object], out: Sequence[object], threads: int) -> None:
+    """
+    Pulls the gradients of a number by the answers' c, tau, Phi, friction and torque margins (None: it does not depend on them) back to the fields, into `out`, in the layout's order; zeros in rows that are not wanted.
     """
 
 def kkt_solve(layout: object, packed: object, c: object, rhs: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:

@@ -1,8 +1,8 @@
 """Many force problems of one layout at once, as arrays in and arrays out.
 
 :func:`solve_batch` means row by row what :func:`graspforce.solve` means, to the same statuses and
-certificates. Rows that the core can solve four at a time in the lanes of a register it does, the
-others one by one; what a row comes to depends on that row alone.
+certificates. Rows that the core can solve four or eight at a time in the lanes of a register it
+does, the others one by one; what a row comes to depends on that row alone.
 
 Arrays of float64 whose rows lie side by side are read where they stand. A :class:`Batch` keeps
 views of them, from which it computes torques, margins and residuals when asked for: do not change

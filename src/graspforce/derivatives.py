@@ -6,11 +6,11 @@ by a parameter p moves it by the solution of the KKT system there, factored once
 
     H dc + W.T ν = −∂(∇Phi − W.T nu)/∂p,    W dc = ∂(f − W c)/∂p.
 
-The matrix is symmetric, so the adjoint solves the same system for the gradient of a number L by c.
-With its solution (x, y) the gradient by p is that of ``−x·∇Phi + x·W.T nu + y·(f − W c)`` with x,
-y, c and nu held, which this module writes down for the fields. All linear limits are rows A c ≤ b
-of one kind (:func:`graspforce.problem.all_limits`): their derivative is written down once and
-handed on to the fields that the rows are made of.
+This module writes the right-hand sides down for the fields; all linear limits are rows A c ≤ b of
+one kind (:func:`graspforce.problem.all_limits`), whose change is written down once. The matrix is
+symmetric, so the adjoint solves the same system for the gradient of a number L by c; that way
+round, which learning goes millions of times, is the core's
+(``cpp/include/graspforce/adjoint.hpp``).
 """
 
 from __future__ import annotations
@@ -126,14 +126,20 @@ class Sensitivity:
         names = self._names(wrt) if wrt is not None else self._names(None)
         sizes = self._layout.sizes
         given = {
-            name: self._of_shape(value, name, tuple(sizes[axis] for axis in QUANTITIES[name]))
+            name: np.ascontiguousarray(
+                self._of_shape(value, name, tuple(sizes[axis] for axis in QUANTITIES[name]))
+            )
             for name, value in gradients.items()
         }
-        parts = [
-            self._part(part).pull_back({n: v[part] for n, v in given.items()}, names)
-            for part in self._parts()
-        ]
-        return {name: self._out(np.concatenate([each[name] for each in parts])) for name in names}
+        problems, layout = self._problems, self._layout
+        out = {name: np.empty((len(problems), *layout.slots[name].shape)) for name in names}
+        native.module.pull_back_batch(
+            layout, len(problems), _in_place(problems), np.ascontiguousarray(self._c),
+            np.ascontiguousarray(self._nu), self._solved.copy(),
+            [given.get(name) for name in QUANTITIES], [out.get(name) for name in layout.slots],
+            available_cores(),
+        )  # fmt: skip
+        return {name: self._out(value) for name, value in out.items()}
 
     def jacobian(self, wrt: str, of: str = "c") -> Array:
         """Return the derivative of one quantity by one field, shape ``(B, *quantity, *field)``.
@@ -242,17 +248,12 @@ class _Rows:
     def solve_kkt(self, top: Array, bottom: Array) -> tuple[Array, Array]:
         """Solve H x + W.T y = top, W x − F² y = bottom; zeros in rows without derivatives."""
         m = self.c.shape[1]
-        x = np.concatenate((top, bottom), axis=1)[:, :, None].copy()
-        fields = [
-            np.asarray(value, dtype=np.float64, order="C")
-            for value in self.problems.fields.values()
-        ]
-        wanted = self.solved.copy()
+        x = np.concatenate((top, bottom), axis=1)
         native.module.kkt_solve_batch(
-            self.layout, len(x), fields, np.ascontiguousarray(self.c), wanted, x,
-            available_cores(),
+            self.layout, len(x), _in_place(self.problems), np.ascontiguousarray(self.c),
+            self.solved.copy(), x, available_cores(),
         )  # fmt: skip
-        return x[:, :m, 0], x[:, m:, 0]
+        return x[:, :m], x[:, m:]
 
     # ---- what follows from the answer and the data --------------------------------------------
 
@@ -356,101 +357,13 @@ class _Rows:
         dD[..., 3] = -(2 * mu / gamma**2 * d["mu"] - 2 * mu**2 / gamma**3 * d["gamma"]) * has
         return dD
 
-    def pull_back(self, given: Mapping[str, Array], names: tuple[str, ...]) -> dict[str, Array]:
-        """Return gradients by fields from gradients by quantities."""
-        data, layout, c = self.data, self.layout, self.c
-        live = self.solved[:, None]
-        sizes = layout.sizes
-        zeros = {name: np.zeros((len(c), *(sizes[a] for a in axes)))
-                 for name, axes in QUANTITIES.items()}  # fmt: skip
-        given = zeros | {name: np.where(_as(self.solved, v), v, 0.0) for name, v in given.items()}
-        out = {name: np.zeros(value.shape) for name, value in data.items()}
-        to_c, to_tau, to_phi = np.array(given["c"]), np.array(given["tau"]), given["phi"][:, None]
-        if layout.joints:
-            up, margin = self._upper_side(), given["torque_margins"]
-            out["tau_hi"] += np.where(up, margin, 0.0)
-            out["tau_lo"] -= np.where(up, 0.0, margin)
-            to_tau += np.where(up, -margin, margin)
-        to_D = np.zeros(self.D.shape)
-        margin = np.where(self.in_grasp, given["friction_margins"], 0.0)
-        unit, radius = self._margin_parts()
-        to_y = np.concatenate((data["mu"][..., None], -unit), axis=-1) * margin[..., None]
-        to_c += stacked(to_y, layout.dims)
-        out["mu"] += margin * self.y[..., 0]
-        to_D[..., 1:] += (margin / (2 * radius))[..., None] * self.y[..., 1:] ** 2
-        out["tau_bias"] += to_tau
-        out["J"] += c[:, :, None] * to_tau[:, None, :]
-        to_c += _times(data["J"], to_tau)
-        # Phi* has the gradient W.T nu by c: its adjoint is x = 0, y = nu in the exact rows.
-        x, y = self.solve_kkt(to_c, np.zeros(self.nu.shape))
-        y = y + to_phi * self.nu
-        out["f"] += y
-        out["W"] += self.nu[:, :, None] * x[:, None, :] - y[:, :, None] * c[:, None, :]
-        if layout.soft_wrench:
-            out["f_soft"] += -2 * data["f_soft"] * self.nu * (y - to_phi * self.nu)
-            out["f_soft"] -= to_phi * data["f_soft"] * (1 - self.exact) * self.nu**2
-        i = self.inverse
-        along = _times(self.A, x)
-        logs = -np.log(np.where(i > 0, i, 1.0)).sum(axis=1)
-        out["alpha"] += -(along * i).sum(axis=1) - to_phi[:, 0] * logs
-        to_b = self.alpha * (along * i**2 - to_phi * i)
-        to_A = -to_b[:, :, None] * c[:, None, :] - (self.alpha * i)[:, :, None] * x[:, None, :]
-        to_D += self._cone_gradient(x) - (to_phi * self.over_g)[..., None] * self.y**2
-        self._to_limits(to_A, to_b, out)
-        self._to_coefficients(to_D, out)
-        return {name: np.where(_as(live[:, 0], out[name]), out[name], 0.0) for name in names}
 
-    def _cone_gradient(self, x: Array) -> Array:
-        """The gradient of −x·∇Phi_soc = 2 Σ D y x / g by D."""
-        z, y, over = by_contact(x, self.layout.dims), self.y, self.over_g[..., None]
-        q = (self.D * y * z).sum(axis=-1, keepdims=True)
-        return 2 * over * y * (z - q * over * y)
-
-    def _to_limits(self, to_A: Array, to_b: Array, out: dict[str, Array]) -> None:
-        """Hand the gradients by A and b of all_limits on to the fields."""
-        layout, data, sizes = self.layout, self.data, self.layout.sizes
-        joints, n, m = sizes["n_joints"], sizes["n"], sizes["m"]
-        place = 0
-
-        def take(count: int) -> tuple[Array, Array]:
-            nonlocal place
-            place += count
-            return to_A[:, place - count : place], to_b[:, place - count : place]
-
-        (A_hi, b_hi), (A_lo, b_lo) = take(joints), take(joints)
-        out["J"] += np.swapaxes(A_hi - A_lo, 1, 2)
-        out["tau_hi"] += b_hi
-        out["tau_lo"] -= b_lo
-        out["tau_bias"] += b_lo - b_hi
-        if layout.ceilings:
-            _, b = take(n)
-            out["engagement"] += data["c_max"] * b
-            b = data["engagement"] * b
-            out["c_max"] += np.where(self.raised, 0.0, b)
-            if layout.floors:
-                out["c_min"] += np.where(self.raised, (1 + SQUEEZE) * b, 0.0)
-        if layout.floors:
-            _, b = take(n)
-            out["engagement"] -= data["c_min"] * b
-            b = data["engagement"] * b
-            out["c_min"] -= np.where(self.lowered, 0.0, b)
-            if layout.ceilings:
-                out["c_max"] -= np.where(self.lowered, (1 - SQUEEZE) * b, 0.0)
-        if layout.rate_limits:
-            (_, above), (_, below) = take(m), take(m)
-            out["c_last"] += above - below
-            out["dc_max"] += above + below
-        A, b = take(sizes["p"])
-        out["A"] += A
-        out["b"] += b
-
-    def _to_coefficients(self, to_D: Array, out: dict[str, Array]) -> None:
-        """Hand the gradient by ±(mu², 1, 1, (mu/gamma)²) on to mu and gamma."""
-        mu, gamma = self.data["mu"], self.data["gamma"]
-        out["mu"] += 2 * mu * to_D[..., 0] - 2 * mu / gamma**2 * to_D[..., 3]
-        out["gamma"] += 2 * mu**2 / gamma**3 * to_D[..., 3]
-        for name in ("mu", "gamma"):
-            out[name] *= self._has_mu
+def _in_place(problems: BatchProblems) -> list[Array]:
+    """Return the fields as the core reads them, copied only where it cannot."""
+    return [
+        value if problems.read_in_place(name) else np.ascontiguousarray(value, dtype=np.float64)
+        for name, value in problems.fields.items()
+    ]
 
 
 def _times(A: Array, x: Array) -> Array:

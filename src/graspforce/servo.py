@@ -33,7 +33,7 @@ class Servo:
 
         servo.f[:] = f
         servo.J[:] = J
-        if servo.tick() is gf.Status.SOLVED:
+        if servo.tick() is gf.Status.SOLVED or servo.solution.nearest:
             tau = servo.J.T @ servo.c
 
     Contacts leave the grasp and come back through ``engagement``, without new memory.

@@ -17,7 +17,6 @@
 #include "graspforce/batch_rows.hpp"
 #include "graspforce/batch_threads.hpp"
 #include "graspforce/engine.hpp"
-#include "graspforce/factor.hpp"
 #include "graspforce/validity.hpp"
 
 namespace graspforce {
@@ -50,12 +49,7 @@ class BatchWorker {
   BatchWorker(const BatchRows& rows, const BatchAnswers& answers, std::vector<BatchProof>& proofs)
       : rows_(rows), answers_(answers), proofs_(proofs) {
     // A limit on the time of each row needs each by itself.
-    if (rows.settings.budget_us < kInfinity || !BatchLanes<3>::fits(rows.layout)) return;
-    const std::vector<Model>& models = rows.layout.models;
-    if (std::count(models.begin(), models.end(), Model::SFC) == 0)
-      lanes3_ = std::make_unique<BatchLanes<3>>(rows);
-    else
-      lanes4_ = std::make_unique<BatchLanes<4>>(rows);
+    if (rows.settings.budget_us == kInfinity) lanes_.emplace(rows);
   }
 
   template <class GoOn>
@@ -63,8 +57,8 @@ class BatchWorker {
     auto by_engine = [&](std::ptrdiff_t row) {
       if (go_on()) solve(row);
     };
-    if (lanes3_ != nullptr) return lanes3_->run(begin, end, *this, by_engine);
-    if (lanes4_ != nullptr) return lanes4_->run(begin, end, *this, by_engine);
+    const auto in_lanes = [&](auto& lanes) { lanes.run(begin, end, *this, by_engine); };
+    if (lanes_ && lanes_->use(in_lanes)) return;
     for (std::ptrdiff_t row = begin; row < end; ++row) by_engine(row);
   }
 
@@ -111,8 +105,7 @@ class BatchWorker {
   std::vector<BatchProof>& proofs_;
   const std::ptrdiff_t m_ = rows_.layout.components(), k_ = rows_.layout.wrench_rows;
   const std::ptrdiff_t forces_ = force_count(rows_.layout);  // the internal ones behind the m
-  std::unique_ptr<BatchLanes<3>> lanes3_;                    // one of the two where the layout fits
-  std::unique_ptr<BatchLanes<4>> lanes4_;
+  std::optional<LanesFor> lanes_;
   std::optional<Engine> engine_;  // made for the first row that needs it
   std::vector<double> packed_;
 };
@@ -133,39 +126,6 @@ std::optional<std::vector<BatchProof>> solve_batch(const BatchRows& rows,
   std::sort(proofs.begin(), proofs.end(),
             [](const BatchProof& a, const BatchProof& b) { return a.row < b.row; });
   return proofs;
-}
-
-// Solves the KKT systems of factor.hpp in place for `columns` right-hand sides a row: x is
-// count × (m + k) × columns, c count × (m + r). Rows of which `wanted` is not set get zeros, and so
-// do those whose forces are not strictly inside every limit, of which it is cleared.
-template <class Poll>
-bool solve_batch_kkt(const BatchRows& rows, const double* c, bool* wanted, double* x, int columns,
-                     int threads, Poll poll) {
-  const std::size_t size = (rows.layout.components() + rows.layout.wrench_rows) * columns;
-  const std::size_t forces = force_count(rows.layout);
-  struct Work {
-    explicit Work(const Layout& layout) : factor(layout), packed(Offsets(layout).size) {}
-    Factor factor;
-    std::vector<double> packed;
-  };
-  auto make = [&](int) {
-    return [&, work = std::make_unique<Work>(rows.layout)](std::ptrdiff_t begin, std::ptrdiff_t end,
-                                                           auto go_on) {
-      for (std::ptrdiff_t row = begin; row < end && go_on(); ++row) {
-        double* const line = x + std::size_t(row) * size;
-        if (wanted[row]) {
-          rows.pack(row, work->packed.data());
-          work->factor.forget();
-          wanted[row] = work->factor.at(work->packed.data(), c + std::size_t(row) * forces);
-        }
-        if (wanted[row])
-          work->factor.solve(line, columns);
-        else
-          std::fill_n(line, size, 0.0);
-      }
-    };
-  };
-  return each_chunk(rows.count, threads, make, poll);
 }
 
 }  // namespace graspforce

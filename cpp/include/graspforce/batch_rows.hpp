@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <initializer_list>
 #include <string_view>
 
 #include "graspforce/budget.hpp"
@@ -46,25 +47,31 @@ struct BatchRows {
 #undef GRASPFORCE_COPY
   }
 
-  // Whether all rows have the numbers of the first but for W, f and J.
-  bool share_limits() const {
+  // Whether all rows share the numbers of the first.
+  static bool shared(std::initializer_list<Column> columns) {
+    return std::all_of(columns.begin(), columns.end(), [](Column c) { return c.step == 0; });
+  }
+  // Those of all fields but W, f, J and the limits of the joints.
+  bool share_coefficients() const {
     bool all = true;
-#define GRASPFORCE_SHARED(name, ...)                                                        \
-  all &= fields.name.step == 0 || &fields.name == &fields.W || &fields.name == &fields.f || \
-         &fields.name == &fields.J;
+#define GRASPFORCE_SHARED(name, ...) all &= !is_coefficient(#name) || fields.name.step == 0;
     GRASPFORCE_FIELDS(GRASPFORCE_SHARED)
 #undef GRASPFORCE_SHARED
     return all;
   }
 
-  // Whether a problem's coefficients and limits are in the ranges that find_flaw asks for, with
-  // every contact in the grasp, and fields that the lanes know nothing of at their defaults. Of W,
-  // f and J a number that is not finite comes through to the first step.
-  bool fits_lanes(const Problem& p) const {
-    bool good = *p.alpha > 0 && *p.alpha < kInfinity;
+  // Whether a problem's numbers are in the ranges that find_flaw asks for, with every contact in
+  // the grasp, and fields that the lanes know nothing of at their defaults. Of W, f and J a number
+  // that is not finite comes through to the first step.
+  bool torques_fit(const Problem& p) const {
+    bool good = true;
     for (int j = 0; j < layout.joints; ++j)
       good &= (p.tau_lo[j] < p.tau_hi[j]) & (p.tau_lo[j] > -kInfinity) & (p.tau_hi[j] < kInfinity) &
               (std::abs(p.tau_bias[j]) < kInfinity);
+    return good;
+  }
+  bool coefficients_fit(const Problem& p) const {
+    bool good = *p.alpha > 0 && *p.alpha < kInfinity;
     for (int i = 0; i < layout.contacts(); ++i) {
       const double share = p.engagement[i];
       good &= (p.mu[i] > 0) & (p.mu[i] < kInfinity) & (p.gamma[i] > 0) & (p.gamma[i] < kInfinity);
@@ -77,6 +84,11 @@ struct BatchRows {
   }
 
  private:
+  static constexpr bool is_coefficient(std::string_view name) {
+    for (std::string_view other : {"W", "f", "J", "tau_lo", "tau_hi", "tau_bias"})
+      if (name == other) return false;
+    return true;
+  }
   static constexpr bool known_to_lanes(std::string_view name) {
     for (std::string_view known : {"W", "f", "J", "tau_lo", "tau_hi", "tau_bias", "c_max", "c_min",
                                    "engagement", "mu", "gamma", "alpha"})

@@ -148,7 +148,8 @@ class Engine {
     });
     Result& result = answer_.result;
     // The multiplier of a soft row, (f − W c)/F², may overflow where the forces are fine.
-    if ((result.status != Status::Solved || layout_.soft_wrench) && !answer_.finite()) {
+    if (result.status != Status::Solved ? !answer_.finite()
+                                        : layout_.soft_wrench && !answer_.multipliers_finite()) {
       answer_.clear(Status::InvalidNumbers);
       minimal_ = unfinished_ = false;
     }

@@ -234,7 +234,7 @@ class LaneBarrier {
   double decrement_bound(double lambda) {
     if (!evaluate<false>()) return kInfinity;
     Lanes rhs[kWrench] = {};
-    for (Group& group : *this) group.template add_gradient<false>(rhs);
+    for (Group& group : *this) group.template add_gradient<false>(rhs, group.H, group.inverse);
     for (int r = 0; r < kWrench; ++r)
       nu_[r] = is_soft() ? sum(rhs[r]) + slacks_.pull(r) : sum(rhs[r]);
     system_.solve(nu_);
@@ -242,7 +242,7 @@ class LaneBarrier {
     if (is_soft()) squared += slacks_.step(nu_);
     for (const Group& group : *this) {
       Lanes left[Q];
-      squared += group.residual(nu_, left);
+      squared += group.residual(nu_, left, group.H, group.inverse);
     }
     return std::sqrt(sum(squared)) / (1 - lambda);
   }

@@ -21,16 +21,16 @@ namespace graspforce {
 
 // One row lo ≤ a·c ≤ hi of each of four contacts; lanes without one have a = 0 and room on both
 // sides.
-template <int Q>
+template <int Q, class V = Lanes>
 struct LaneRow {
-  Lanes a[Q] = {};
-  Lanes lo = splat(-1), hi = splat(1);
-  Lanes mask[Q] = {};         // 1 where there is an entry
+  V a[Q] = {};
+  V lo = splat<V>(-1), hi = splat<V>(1);
+  V mask[Q] = {};             // 1 where there is an entry
   int source[kLanes] = {};    // the joint, or the inequality
   int entry[Q][kLanes] = {};  // where its entries stand in J, or in A
 
-  Lanes at(const Lanes* y) const {
-    Lanes t = a[0] * y[0];
+  V at(const V* y) const {
+    V t = a[0] * y[0];
     GRASPFORCE_UNROLL
     for (int i = 1; i < Q; ++i) t += a[i] * y[i];
     return t;
@@ -39,35 +39,35 @@ struct LaneRow {
 
 // Up to four contacts of up to Q components. A contact of fewer components has columns of zeros in
 // W and J for the rest: its barrier is that of the larger cone with nothing to move it sideways.
-template <int Q, bool plain>
+template <int Q, bool plain, class V = Lanes>
 struct LaneGroup {
-  using Row = LaneRow<Q>;
+  using Row = LaneRow<Q, V>;
   static constexpr int kLower = Q * (Q + 1) / 2;
   static constexpr int at(int i, int j) { return lane_ldl::at(i, j); }
 
   int members = 0;                // lanes in use
   int contact[kLanes] = {};       // in the problem; lanes left over repeat the last
   int component[Q][kLanes] = {};  // in c; components that a contact lacks repeat its normal
-  Lanes mask[Q] = {};             // 1 where there is a component
-  Lanes padding = splat(1);       // 1 in lanes left over
+  V mask[Q] = {};                 // 1 where there is a component
+  V padding = splat<V>(1);        // 1 in lanes left over
   // Whether these are four contacts of Q components that stand side by side in c, and whose joints
   // stand `stride` apart in J.
   bool contiguous = false;
   int stride = 0;
-  Lanes has_friction = {};  // 1 for contacts with friction
-  Lanes has_torsion = {};   // 1 for soft fingers
-  Lanes mu = splat(1), torsion = splat(1);
-  Lanes floor = splat(-kInfinity), ceiling = splat(kInfinity);
-  Lanes rate_lo[Q] = {}, rate_hi[Q] = {};  // with rate limits
-  Lanes W[kWrench][Q] = {};
+  V has_friction = {};  // 1 for contacts with friction
+  V has_torsion = {};   // 1 for soft fingers
+  V mu = splat<V>(1), torsion = splat<V>(1);
+  V floor = splat<V>(-kInfinity), ceiling = splat<V>(kInfinity);
+  V rate_lo[Q] = {}, rate_hi[Q] = {};  // with rate limits
+  V W[kWrench][Q] = {};
   Span<Row> rows;
   int two_sided = 0;  // the joints' rows come first, then inequalities, which have no lower side
 
-  Lanes c[Q] = {splat(1)}, d[Q] = {}, g[Q] = {};
-  Lanes H[kLower] = {};   // lower triangle, then the unit factor of H = L D Lᵀ below its diagonal
-  Lanes inverse[Q] = {};  // of D
+  V c[Q] = {splat<V>(1)}, d[Q] = {}, g[Q] = {};
+  V H[kLower] = {};   // lower triangle, then the unit factor of H = L D Lᵀ below its diagonal
+  V inverse[Q] = {};  // of D
 
-  Lanes weight(int i) const { return i == 3 ? torsion : splat(1); }
+  V weight(int i) const { return i == 3 ? torsion : splat<V>(1); }
 
   // Whether there are rate limits; compiled away from the kernels of plain grasps.
   static bool rates(const Layout& layout) { return !plain && layout.rate_limits; }
@@ -119,24 +119,24 @@ struct LaneGroup {
   }
 
   // Height mu n and radius ‖w t‖ of y: inside the cone the height is the larger.
-  void cone(const Lanes* y, Lanes& height, Lanes& radius) const {
+  void cone(const V* y, V& height, V& radius) const {
     height = mu * y[0];
-    Lanes sum = {};
+    V sum = {};
     GRASPFORCE_UNROLL
     for (int i = 1; i < Q; ++i) {
-      const Lanes t = i == 3 ? torsion * y[i] : y[i];
+      const V t = i == 3 ? torsion * y[i] : y[i];
       sum += t * t;
     }
     radius = Q > 1 ? sqrt(sum) : sum;
   }
 
   // Least slack at the point.
-  GRASPFORCE_INLINE Lanes slack(const Layout& layout) const {
-    Lanes height, radius;
+  GRASPFORCE_INLINE V slack(const Layout& layout) const {
+    V height, radius;
     cone(c, height, radius);
-    Lanes worst = min(height - radius, min(ceiling - c[0], c[0] - floor));
+    V worst = min(height - radius, min(ceiling - c[0], c[0] - floor));
     for (const Row& row : rows) {
-      const Lanes t = row.at(c);
+      const V t = row.at(c);
       worst = min(worst, min(row.hi - t, t - row.lo));
     }
     for (int i = 0; i < Q && rates(layout); ++i)
@@ -147,57 +147,57 @@ struct LaneGroup {
   // Gradient and, when wanted, Hessian; returns the least slack. The sums are kept in locals: what
   // stands in memory might overlap with the rows for all the compiler knows. The cone comes last:
   // its square root and division take longest. Weights, here, and multipliers, below, are one
-  // double for all lanes, or of type Lanes where each lane is a problem of its own.
+  // double for all lanes, or of type V where each lane is a problem of its own.
   template <bool with_hessian, class Weight>
-  GRASPFORCE_INLINE Lanes evaluate(Weight cone_weight, Weight limit_weight, const Layout& layout) {
-    Lanes height, radius;
+  GRASPFORCE_INLINE V evaluate(Weight cone_weight, Weight limit_weight, const Layout& layout) {
+    V height, radius;
     cone(c, height, radius);
-    Lanes worst = height - radius, sum_g[Q] = {}, sum_H[kLower] = {};
-    auto add_row = [&](const Row& row, Lanes slope, Lanes bend) {
+    V worst = height - radius, sum_g[Q] = {}, sum_H[kLower] = {};
+    auto add_row = [&](const Row& row, V slope, V bend) {
       GRASPFORCE_UNROLL
       for (int i = 0; i < Q; ++i) {
         sum_g[i] += slope * row.a[i];
-        const Lanes scaled = bend * row.a[i];
+        const V scaled = bend * row.a[i];
         GRASPFORCE_UNROLL
         for (int j = 0; j <= i && with_hessian; ++j) sum_H[at(i, j)] += scaled * row.a[j];
       }
     };
     const Row *row = rows.begin(), *one_sided = row + two_sided, *end = rows.end();
     for (; row != one_sided; ++row) {
-      const Lanes t = row->at(c), above = row->hi - t, below = t - row->lo;
+      const V t = row->at(c), above = row->hi - t, below = t - row->lo;
       worst = min(worst, min(above, below));
       // 1/above and 1/below for one division
-      const Lanes inverse = 1 / (above * below), up = below * inverse, down = above * inverse;
+      const V inverse = 1 / (above * below), up = below * inverse, down = above * inverse;
       add_row(*row, limit_weight * (up - down), limit_weight * (up * up + down * down));
     }
     for (; row != end; ++row) {
-      const Lanes above = row->hi - row->at(c), up = 1 / above;
+      const V above = row->hi - row->at(c), up = 1 / above;
       worst = min(worst, above);
       add_row(*row, limit_weight * up, limit_weight * up * up);
     }
-    auto bound_normal = [&](Lanes room, double sign) {
+    auto bound_normal = [&](V room, double sign) {
       worst = min(worst, room);
-      const Lanes inverse = 1 / room;
+      const V inverse = 1 / room;
       sum_g[0] += (sign * limit_weight) * inverse;
       if (with_hessian) sum_H[0] += limit_weight * inverse * inverse;
     };
     if (layout.ceilings) bound_normal(ceiling - c[0], 1);
     if (layout.floors) bound_normal(c[0] - floor, -1);
 
-    const Lanes inverse_det = 1 / ((height - radius) * (height + radius)), twice = 2 * inverse_det;
-    const Lanes scaled = cone_weight * twice;
-    Lanes first[Q];
+    const V inverse_det = 1 / ((height - radius) * (height + radius)), twice = 2 * inverse_det;
+    const V scaled = cone_weight * twice;
+    V first[Q];
     first[0] = -twice * mu * height;
     GRASPFORCE_UNROLL
     for (int i = 1; i < Q; ++i) first[i] = twice * weight(i) * weight(i) * c[i];
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) g[i] = sum_g[i] + cone_weight * first[i];
     if (with_hessian) {
-      const Lanes corner = mu * mu * (height * height + radius * radius);
+      const V corner = mu * mu * (height * height + radius * radius);
       H[0] = sum_H[0] + scaled * (corner * inverse_det);
       GRASPFORCE_UNROLL
       for (int i = 1; i < Q; ++i) {
-        const Lanes outer = cone_weight * first[i];
+        const V outer = cone_weight * first[i];
         GRASPFORCE_UNROLL
         for (int j = 0; j < i; ++j) H[at(i, j)] = sum_H[at(i, j)] + outer * first[j];
         H[at(i, i)] = (sum_H[at(i, i)] + scaled * weight(i) * weight(i)) + outer * first[i];
@@ -209,10 +209,10 @@ struct LaneGroup {
   // The rate limits' share of gradient and Hessian; returns the least slack, theirs included.
   // Apart, because few problems have any.
   template <bool with_hessian, class Weight>
-  GRASPFORCE_APART Lanes add_rates(Weight limit_weight, Lanes worst) {
+  GRASPFORCE_APART V add_rates(Weight limit_weight, V worst) {
     for (int i = 0; i < Q; ++i) {
-      const Lanes above = rate_hi[i] - c[i], below = c[i] - rate_lo[i];
-      const Lanes up = 1 / above, down = 1 / below;
+      const V above = rate_hi[i] - c[i], below = c[i] - rate_lo[i];
+      const V up = 1 / above, down = 1 / below;
       worst = min(worst, min(above, below));
       g[i] += limit_weight * (up - down);
       if (with_hessian) H[at(i, i)] += limit_weight * (up * up + down * down);
@@ -222,17 +222,17 @@ struct LaneGroup {
 
   // H = L D Lᵀ in place; x ← L⁻¹ x, x ← L⁻ᵀ x, x ← H⁻¹ x. See lane_ldl.hpp.
   GRASPFORCE_INLINE void factor() { lane_ldl::factor<Q>(H, inverse); }
-  void forward(Lanes* x) const { lane_ldl::forward<Q>(H, x); }
-  void back(Lanes* x) const { lane_ldl::back<Q>(H, x); }
-  void solve(Lanes* x) const {
+  void forward(V* x) const { lane_ldl::forward<Q>(H, x); }
+  void back(V* x) const { lane_ldl::back<Q>(H, x); }
+  void solve(V* x) const {
     forward(x);
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) x[i] *= inverse[i];
     back(x);
   }
 
-  Lanes wrench(int r, const Lanes* y) const {
-    Lanes sum = W[r][0] * y[0];
+  V wrench(int r, const V* y) const {
+    V sum = W[r][0] * y[0];
     GRASPFORCE_UNROLL
     for (int i = 1; i < Q; ++i) sum += W[r][i] * y[i];
     return sum;
@@ -245,13 +245,13 @@ struct LaneGroup {
       for (int r = 0; r < kWrench; ++r) g[i] -= W[r][i] * nu[r];
   }
 
-  // Adds W (H⁻¹ g − c), or W H⁻¹ g alone, to a right-hand side.
+  // Adds W (H⁻¹ g − c), or W H⁻¹ g alone, to a right-hand side; H by a factor of it.
   template <bool less_forces>
-  GRASPFORCE_INLINE void add_gradient(Lanes* rhs) const {
-    Lanes x[Q];
+  GRASPFORCE_INLINE void add_gradient(V* rhs, const V* L, const V* inverse) const {
+    V x[Q];
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) x[i] = g[i];
-    solve(x);
+    lane_ldl::solve<Q>(L, inverse, x);
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q && less_forces; ++i) x[i] -= c[i];
     GRASPFORCE_UNROLL
@@ -261,35 +261,35 @@ struct LaneGroup {
   // Factors H and adds the group's share of the 6 × 6 system. With Y = L⁻¹ Wᵀ it is Yᵀ D⁻¹ Y. The
   // first group sets the triangle instead: clearing it beforehand would cost more than the sum.
   template <bool first>
-  GRASPFORCE_INLINE void add(WrenchSums& sums) {
+  GRASPFORCE_INLINE void add(SumsOf<V>& sums) {
     factor();
-    add_gradient<true>(sums.rhs());
-    Lanes Y[kWrench][Q];
+    add_gradient<true>(sums.rhs(), H, inverse);
+    V Y[kWrench][Q];
     GRASPFORCE_UNROLL
     for (int r = 0; r < kWrench; ++r) {
       GRASPFORCE_UNROLL
       for (int i = 0; i < Q; ++i) Y[r][i] = W[r][i];
       forward(Y[r]);
-      Lanes scaled[Q];
+      V scaled[Q];
       GRASPFORCE_UNROLL
       for (int i = 0; i < Q; ++i) scaled[i] = inverse[i] * Y[r][i];
       GRASPFORCE_UNROLL
       for (int s = 0; s <= r; ++s) {
-        Lanes dot = scaled[0] * Y[s][0];
+        V dot = scaled[0] * Y[s][0];
         GRASPFORCE_UNROLL
         for (int i = 1; i < Q; ++i) dot += scaled[i] * Y[s][i];
-        Lanes& sum = sums.v[at(r, s)];
+        V& sum = sums.v[at(r, s)];
         sum = first ? dot : sum + dot;
       }
     }
   }
 
-  // x = L⁻¹ (Wᵀ ν − g), masked; returns its squared length in D⁻¹.
+  // x = L⁻¹ (Wᵀ ν − g), masked; returns its squared length in D⁻¹. H by a factor of it.
   template <class Multiplier>
-  GRASPFORCE_INLINE Lanes residual(const Multiplier* nu, Lanes* x) const {
+  GRASPFORCE_INLINE V residual(const Multiplier* nu, V* x, const V* L, const V* inverse) const {
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) {
-      Lanes odd = W[1][i] * nu[1];  // two sums, each half as long to wait for
+      V odd = W[1][i] * nu[1];  // two sums, each half as long to wait for
       x[i] = W[0][i] * nu[0] - g[i];
       GRASPFORCE_UNROLL
       for (int r = 2; r < kWrench; r += 2) {
@@ -298,8 +298,8 @@ struct LaneGroup {
       }
       x[i] = mask[0] * (x[i] + odd);
     }
-    forward(x);
-    Lanes squared = {};
+    lane_ldl::forward<Q>(L, x);
+    V squared = {};
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) squared += x[i] * x[i] * inverse[i];
     return squared;
@@ -307,8 +307,8 @@ struct LaneGroup {
 
   // The step d; returns its decrement squared.
   template <class Multiplier>
-  GRASPFORCE_INLINE Lanes step(const Multiplier* nu) {
-    const Lanes squared = residual(nu, d);
+  GRASPFORCE_INLINE V step(const Multiplier* nu) {
+    const V squared = residual(nu, d, H, inverse);
     GRASPFORCE_UNROLL
     for (int i = 0; i < Q; ++i) d[i] *= inverse[i];
     back(d);
@@ -316,29 +316,29 @@ struct LaneGroup {
   }
 
   // 1 / largest t for which the point plus t d stays inside (0 or less: no limit).
-  Lanes inverse_limit(const Layout& layout) const {
-    Lanes height, radius, worst = {};
+  V inverse_limit(const Layout& layout) const {
+    V height, radius, worst = {};
     cone(c, height, radius);
-    const Lanes rise = mu * d[0];
+    const V rise = mu * d[0];
     // The greater root of c x² + 2 b x + a in x = 1/t; see lorentz::step_limit.
-    Lanes qa = rise * rise, qb = height * rise;
+    V qa = rise * rise, qb = height * rise;
     GRASPFORCE_UNROLL
     for (int i = 1; i < Q; ++i) {
-      const Lanes w2 = weight(i) * weight(i);
+      const V w2 = weight(i) * weight(i);
       qa -= w2 * d[i] * d[i];
       qb -= w2 * c[i] * d[i];
     }
-    const Lanes qc = (height - radius) * (height + radius), discriminant = qb * qb - qa * qc;
-    const Lanes root = sqrt(max(discriminant, Lanes{}));
+    const V qc = (height - radius) * (height + radius), discriminant = qb * qb - qa * qc;
+    const V root = sqrt(max(discriminant, V{}));
     // For b > 0 the difference root − b is written without its cancellation.
-    const Lanes inverse_step = qb < 0 ? (root - qb) / qc : -qa / (root + qb);
-    worst = max(worst, inverse_step == inverse_step ? inverse_step : Lanes{});  // 0/0: d is zero
-    auto limit = [&worst](Lanes above, Lanes below, Lanes change) {
+    const V inverse_step = qb < 0 ? (root - qb) / qc : -qa / (root + qb);
+    worst = max(worst, inverse_step == inverse_step ? inverse_step : V{});  // 0/0: d is zero
+    auto limit = [&worst](V above, V below, V change) {
       worst = max(worst, abs(change) / (change > 0 ? above : below));
     };
     limit(ceiling - c[0], c[0] - floor, d[0]);
     for (const Row& row : rows) {
-      const Lanes t = row.at(c);
+      const V t = row.at(c);
       limit(row.hi - t, t - row.lo, row.at(d));
     }
     for (int i = 0; i < Q && rates(layout); ++i) limit(rate_hi[i] - c[i], c[i] - rate_lo[i], d[i]);
@@ -462,37 +462,58 @@ struct LaneGroup {
   }
 
   // A pure push, less where that would pass a limit that a weaker push keeps to.
-  void push(Lanes normal, const Layout& layout) {
-    Lanes used = splat(kMostUsed);
+  void push(V normal, const Layout& layout) {
+    V used = splat<V>(kMostUsed);
     for (const Row& row : rows) {
-      const Lanes t = row.a[0] * normal, up = t / row.hi, down = t / row.lo;
+      const V t = row.a[0] * normal, up = t / row.hi, down = t / row.lo;
       used = max(used, t > 0 ? (row.hi > 0 ? up : used) : (row.lo < 0 ? down : used));
     }
     if (rates(layout)) used = rate_hi[0] > 0 ? max(used, normal / rate_hi[0]) : used;
-    c[0] = padding > 0 ? splat(1) : normal * (kMostUsed / used);
-    for (int i = 1; i < Q; ++i) c[i] = Lanes{};
+    c[0] = padding > 0 ? splat<V>(1) : normal * (kMostUsed / used);
+    for (int i = 1; i < Q; ++i) c[i] = V{};
+  }
+
+  // The same in one lane, of a problem without rate limits.
+  void push(int lane, double normal) {
+    double used = kMostUsed;
+    for (const Row& row : rows) {
+      const double t = row.a[0][lane] * normal, lo = row.lo[lane], hi = row.hi[lane];
+      const double range = t > 0 ? hi : -lo;
+      if (range > 0) used = std::max(used, std::abs(t) / range);
+    }
+    c[0][lane] = normal * (kMostUsed / used);
+    for (int i = 1; i < Q; ++i) c[i][lane] = 0;
   }
 
   // The size of force that the limits are made for, by the largest of them.
-  Lanes size(const Layout& layout) const {
-    Lanes most = ceiling < kInfinity ? ceiling : Lanes{};
+  V size(const Layout& layout) const {
+    V most = ceiling < kInfinity ? ceiling : V{};
     for (int i = 0; i < Q && rates(layout); ++i)
       most = mask[i] > 0 ? max(most, max(abs(rate_lo[i]), abs(rate_hi[i]))) : most;
     for (const Row& row : rows) {
-      const Lanes low = row.lo > -kInfinity ? abs(row.lo) : Lanes{};
-      Lanes largest = abs(row.a[0]);
+      const V low = row.lo > -kInfinity ? abs(row.lo) : V{};
+      V largest = abs(row.a[0]);
       for (int i = 1; i < Q; ++i) largest = max(largest, abs(row.a[i]));
-      most = max(most, largest > 0 ? max(abs(row.hi), low) / largest : Lanes{});
+      most = max(most, largest > 0 ? max(abs(row.hi), low) / largest : V{});
     }
     return most;
   }
 
   // The normal force that alone uses up the tightest of the joints' torque ranges and the ceiling.
-  Lanes reach() const {
-    Lanes least = ceiling;
+  V reach() const {
+    V least = ceiling;
     for (const Row& row : rows) {
-      const Lanes moment_arm = abs(row.a[0]), range = row.hi - row.lo;
+      const V moment_arm = abs(row.a[0]), range = row.hi - row.lo;
       least = moment_arm > 0 ? min(least, range / moment_arm) : least;
+    }
+    return least;
+  }
+  // The same in one lane.
+  double reach(int lane) const {
+    double least = ceiling[lane];
+    for (const Row& row : rows) {
+      const double moment_arm = std::abs(row.a[0][lane]), range = row.hi[lane] - row.lo[lane];
+      if (moment_arm > 0) least = std::min(least, range / moment_arm);
     }
     return least;
   }

@@ -1,4 +1,4 @@
-// H = L D Lᵀ of four small matrices at a time, one a lane: lower triangles, row by row.
+// H = L D Lᵀ of several small matrices at a time, one a lane: lower triangles, row by row.
 #pragma once
 
 #include "graspforce/lanes.hpp"
@@ -13,21 +13,21 @@ constexpr int at(int i, int j) { return i * (i + 1) / 2 + j; }
 // t = p v − q u is p times what eliminating column u leaves of v, and the second pivot is det / p.
 // Rounding is that of one column after the other. A pivot lost to rounding is replaced by a tiny
 // positive one.
-template <int Q>
-GRASPFORCE_INLINE void factor(Lanes* H, Lanes* inverse) {
-  Lanes tiny[Q];
+template <int Q, class V>
+GRASPFORCE_INLINE void factor(V* H, V* inverse) {
+  V tiny[Q];
   GRASPFORCE_UNROLL
   for (int i = 0; i < Q; ++i) tiny[i] = 1e-15 * H[at(i, i)];
   GRASPFORCE_UNROLL
   for (int j = 0; j < Q; j += 2) {
-    const Lanes p = max(H[at(j, j)], tiny[j]);
+    const V p = max(H[at(j, j)], tiny[j]);
     inverse[j] = 1 / p;
     if (j + 1 == Q) break;
-    const Lanes q = H[at(j + 1, j)], det = p * H[at(j + 1, j + 1)] - q * q;
-    const Lanes inverse_det = 1 / max(det, tiny[j + 1] * p);
+    const V q = H[at(j + 1, j)], det = p * H[at(j + 1, j + 1)] - q * q;
+    const V inverse_det = 1 / max(det, tiny[j + 1] * p);
     inverse[j + 1] = p * inverse_det;
     H[at(j + 1, j)] = q * inverse[j];
-    Lanes u[Q], t[Q];
+    V u[Q], t[Q];
     GRASPFORCE_UNROLL
     for (int i = j + 2; i < Q; ++i) {
       u[i] = H[at(i, j)];
@@ -42,8 +42,8 @@ GRASPFORCE_INLINE void factor(Lanes* H, Lanes* inverse) {
 }
 
 // x ← L⁻¹ x.
-template <int Q>
-GRASPFORCE_INLINE void forward(const Lanes* L, Lanes* x) {
+template <int Q, class V>
+GRASPFORCE_INLINE void forward(const V* L, V* x) {
   GRASPFORCE_UNROLL
   for (int i = 1; i < Q; ++i) {
     GRASPFORCE_UNROLL
@@ -52,8 +52,8 @@ GRASPFORCE_INLINE void forward(const Lanes* L, Lanes* x) {
 }
 
 // x ← L⁻ᵀ x.
-template <int Q>
-GRASPFORCE_INLINE void back(const Lanes* L, Lanes* x) {
+template <int Q, class V>
+GRASPFORCE_INLINE void back(const V* L, V* x) {
   GRASPFORCE_UNROLL
   for (int i = Q - 2; i >= 0; --i) {
     GRASPFORCE_UNROLL
@@ -62,8 +62,8 @@ GRASPFORCE_INLINE void back(const Lanes* L, Lanes* x) {
 }
 
 // x ← H⁻¹ x.
-template <int Q>
-GRASPFORCE_INLINE void solve(const Lanes* L, const Lanes* inverse, Lanes* x) {
+template <int Q, class V>
+GRASPFORCE_INLINE void solve(const V* L, const V* inverse, V* x) {
   forward<Q>(L, x);
   GRASPFORCE_UNROLL
   for (int i = 0; i < Q; ++i) x[i] *= inverse[i];

@@ -1,10 +1,14 @@
-// Four doubles side by side: the vector type of the fast kernels, in GCC's and Clang's portable
-// vector extension. The compiler makes AVX, SSE2 or NEON of it, whatever it is built for.
+// Doubles side by side: the vector types of the fast kernels, in GCC's and Clang's portable vector
+// extension. The compiler makes AVX, SSE2 or NEON of it, whatever it is built for.
 #pragma once
 
 #include <cmath>
 #include <cstddef>
 #include <cstring>
+
+#if defined(__AVX__)
+#include <immintrin.h>
+#endif
 
 // The kernels' loops have small constant bounds; unrolled, their arrays become registers.
 #if defined(__clang__)
@@ -23,14 +27,62 @@ namespace graspforce {
 inline constexpr int kLanes = 4;
 typedef double Lanes __attribute__((vector_size(kLanes * sizeof(double))));
 
-inline Lanes splat(double x) { return Lanes{x, x, x, x}; }
-inline Lanes min(Lanes a, Lanes b) { return a < b ? a : b; }
-inline Lanes max(Lanes a, Lanes b) { return a > b ? a : b; }
-inline Lanes abs(Lanes a) { return a < 0 ? -a : a; }
-inline Lanes sqrt(Lanes a) {
-  for (int i = 0; i < kLanes; ++i) a[i] = std::sqrt(a[i]);
+// Eight of them, for problems side by side where a register holds as many.
+typedef double WideLanes __attribute__((vector_size(2 * kLanes * sizeof(double))));
+
+template <class V = Lanes>
+inline constexpr int kLanesOf = int(sizeof(V) / sizeof(double));
+
+template <class V = Lanes>
+GRASPFORCE_INLINE V splat(double x) {
+  return x - V{};
+}
+template <class V>
+GRASPFORCE_INLINE V min(V a, V b) {
+  return a < b ? a : b;
+}
+template <class V>
+GRASPFORCE_INLINE V max(V a, V b) {
+  return a > b ? a : b;
+}
+template <class V>
+GRASPFORCE_INLINE V abs(V a) {
+  return a < 0 ? -a : a;
+}
+template <class V>
+GRASPFORCE_INLINE V sqrt(V a) {
+  for (int i = 0; i < kLanesOf<V>; ++i) a[i] = std::sqrt(a[i]);
   return a;
 }
+
+// What comparing vectors gives: in each lane all bits set, or none.
+template <class V>
+using MaskOf = decltype(V{} < V{});
+
+// A bit for each lane of a mask, the first the lowest. Written out, the loop costs the compiler's
+// code an extraction a lane.
+template <class Mask>
+GRASPFORCE_INLINE unsigned bits_of(Mask mask) {
+#if defined(__AVX512DQ__)
+  if constexpr (sizeof(Mask) == 64) return _mm512_movepi64_mask((__m512i)mask);
+#endif
+#if defined(__AVX__)
+  if constexpr (sizeof(Mask) == 32) return unsigned(_mm256_movemask_pd((__m256d)mask));
+#endif
+  unsigned bits = 0;
+  for (std::size_t i = 0; i < sizeof mask / sizeof mask[0]; ++i) bits |= unsigned(mask[i] & 1) << i;
+  return bits;
+}
+
+// The mask of some lanes.
+template <class V>
+GRASPFORCE_INLINE MaskOf<V> mask_of(unsigned bits) {
+  MaskOf<V> own = {};
+  GRASPFORCE_UNROLL
+  for (int i = 0; i < kLanesOf<V>; ++i) own[i] = 1LL << i;
+  return (own & static_cast<long long>(bits)) != 0;
+}
+
 // Whether a number is positive in every lane: false where one is not a number.
 inline bool all_positive(Lanes a) {
   const auto yes = a > 0;

@@ -12,14 +12,16 @@ inline constexpr int kWrench = 6;  // rows of W that the kernels are made for
 
 // What the groups add up to, lane by lane: the lower triangle of Σ W H⁻¹ Wᵀ, row by row, then the
 // right-hand side, f + Σ W (H⁻¹ g − c).
-struct WrenchSums {
+template <class V>
+struct SumsOf {
   static constexpr int kTriangle = kWrench * (kWrench + 1) / 2;
-  Lanes v[kTriangle + kWrench];
+  V v[kTriangle + kWrench];
 
-  Lanes* rhs() { return v + kTriangle; }
-  const Lanes& at(int r, int s) const { return v[r * (r + 1) / 2 + s]; }
-  const Lanes& rhs(int r) const { return v[kTriangle + r]; }
+  V* rhs() { return v + kTriangle; }
+  const V& at(int r, int s) const { return v[r * (r + 1) / 2 + s]; }
+  const V& rhs(int r) const { return v[kTriangle + r]; }
 };
+using WrenchSums = SumsOf<Lanes>;
 
 // The 6 × 6 system, S = L D Lᵀ.
 //

@@ -257,13 +257,14 @@ def as_integer(value: Any, name: str, least: int) -> int:
 
 
 def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
-    """Return arrays as the content of a compressed NPZ file.
+    """Return arrays as the content of an NPZ file.
 
-    Made in memory, since NumPy before 2.2 leaves an open archive behind, which complains on stderr,
+    Not compressed: forces hardly become smaller, and it takes longer than to solve for them. Made
+    in memory, since NumPy before 2.2 leaves an open archive behind, which complains on stderr,
     where a file cannot take it all.
     """
     content = io.BytesIO()
-    np.savez_compressed(content, **arrays)
+    np.savez(content, **arrays)
     return content.getvalue()
 
 

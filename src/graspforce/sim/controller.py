@@ -99,7 +99,7 @@ class Controller:
         J = self._world.contact_jacobian(contacts)
         bias = self._bias_torques(t, pose, touches, acceleration, contacts, engagement)
         solution = self._distribute(f, W, J, bias, engagement)
-        if solution.status is Status.SOLVED:
+        if solution.status is Status.SOLVED or solution.nearest:
             self._c = solution.c
         tau = J.T @ (self._c * np.repeat(~is_removed(engagement), 3)) + bias
         return Command(tau, solution, contacts, engagement)

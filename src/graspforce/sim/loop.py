@@ -46,14 +46,14 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
     pose, touches = world.pose(), world.touches()
     solutions: list[Solution] = []
     ending, message = Ending.COMPLETED, ""
-    first_failure = ""  # the first tick without forces, often the cause
+    first_failure = ""  # the first tick that was not solved, often the cause
     for tick in range(trial.ticks):
         t = tick / trial.rate
         command = controller.step(t, *disturbance.measured(pose, touches))
         solutions.append(command.solution)
         if command.solution.status is not Status.SOLVED and not first_failure:
             first_failure = (
-                f"; tick {tick} was the first without forces: {command.solution.message}"
+                f"; tick {tick} was the first that was not solved: {command.solution.message}"
             )
         tau = disturbance.delayed(command.tau)
         _write(log, tick, t, trial.motion.at(t), pose, touches, command, slip, world)

@@ -214,7 +214,7 @@ class Columns(Sequence[Solution]):
 
 def stacked(rows: Sequence[Any]) -> NDArray[Any]:
     """Return numbers, or vectors of any lengths, as one array; short vectors end in NaN."""
-    shapes = {np.shape(row) for row in rows}
+    shapes = {getattr(row, "shape", ()) for row in rows}
     if len(shapes) < 2:
         return np.array(rows)
     stack = np.full((len(rows), *max(shapes)), np.nan)
