@@ -101,6 +101,20 @@ def test_bits_do_not_depend_on_threads_order_or_neighbours(four_fingers):
     assert gf.solve_batch(**some).c.tobytes() == once.c[5:9].tobytes()
 
 
+def test_rows_that_cannot_be_held_come_with_the_force_for_the_nearest_wrench(four_fingers):
+    fields = {**four_fingers, "f": 30 * np.asarray(four_fingers["f"])}
+    batch = gf.solve_batch(**fields)
+    assert (batch.status == gf.Status.INFEASIBLE).any()
+    assert (batch.nearest == (batch.status == gf.Status.INFEASIBLE)).all()
+    assert batch.verify().ok.all()
+    assert (batch.friction_margins[batch.nearest] > 0).all()
+    for i in np.flatnonzero(batch.nearest)[:5].tolist():
+        alone = gf.solve(batch[i].problem)
+        assert np.array_equal(batch.c[i], alone.c)
+        assert batch.missing[i] == pytest.approx(alone.missing, rel=1e-12)
+        assert batch[i].message == alone.message
+
+
 def test_a_start_is_accepted_or_refused_row_by_row(four_fingers):
     cold = gf.solve_batch(**four_fingers)
     warm = gf.solve_batch(**four_fingers, start=cold)

@@ -49,6 +49,36 @@ def test_limits_that_exclude_each_other_leave_the_force_of_least_violation(backe
     assert "c makes the wrench and violates them least" in found.message
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_internal_forces_and_weights_of_cones_have_a_nearest_wrench_too(backend):
+    """One push, two motors against each other: the most that they make is what tau_hi leaves."""
+    problem = gf.ForceProblem(
+        [[1.0]], [50.0], gf.FPC(), J=[[0.5, 0]], internal=[[1, 1]], tau_lo=0, tau_hi=[9, 3],
+        tau_bias=[0.1, 0], cone_weight=0.25,
+    )  # fmt: skip
+    found = gf.solve(problem, gf.Settings(backend=backend, max_steps=1000))
+    assert found.status is gf.Status.INFEASIBLE
+    assert found.nearest
+    assert found.verify().ok
+    most = (9 - 0.1) / 0.5  # with no internal force
+    assert found.c == pytest.approx([most], rel=1e-6)
+    assert found.missing == pytest.approx([50 - most], rel=1e-6)
+    assert found.internal_forces == pytest.approx([0], abs=1e-4)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_contacts_that_pull_make_what_is_left_of_a_load(backend):
+    up = gf.Contact([0, 0, 0], [0, 0, -1], gf.PCWF(0.5, pull=4))
+    problem = gf.Grasp([up]).problem([0, 0, 6.0, 0, 0, 0], c_max=9)
+    problem = problem.replace(W=problem.W[:3], f=problem.f[:3])
+    found = gf.solve(problem, gf.Settings(backend=backend, max_steps=1000))
+    assert found.status is gf.Status.INFEASIBLE
+    assert found.nearest
+    assert found.verify().ok
+    assert found.missing == pytest.approx([0, 0, 2], abs=1e-5)
+    assert found.c[0] == pytest.approx(-4, abs=1e-5)
+
+
 # ---- a pinch ------------------------------------------------------------------------------------
 
 
@@ -106,7 +136,10 @@ def test_the_message_names_what_is_missing_and_what_would_help():
     heavy = gf.solve(pinch(gf.SFC(0.7, 0.005), 0, f=(0, 0, 40, 0, 0, 0)))
     assert heavy.status is gf.Status.INFEASIBLE
     assert re.search(r"a torque counts by 0\.0163 m", heavy.message)
-    assert re.search(r"lacks 12 N along z; another contact or f_soft", heavy.message)
+    assert re.search(
+        r"lacks 12 N along z; another contact or a soft wrench \(f_soft\) would help$",
+        heavy.message,
+    )
     W = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 0]])
     flat = gf.ForceProblem(W, [1, 0.1, 0.2], gf.PCWF(0.5), c_max=5)
     assert "lacks 0.2 N·m about z;" in gf.solve(flat).message
@@ -260,6 +293,20 @@ def test_a_squeeze_ramps_in_a_servo():
         found = servo.step(engagement=np.full(2, force / 5))
         assert found.status is gf.Status.SOLVED
         assert found.c[[0, 3]] == pytest.approx([force, force], rel=1e-9)
+
+
+def test_a_squeeze_counts_what_a_contact_pulls_with():
+    """The band is by what the cone bears: n + pull."""
+    up = gf.Contact([0, 0, 0], [0, 0, -1], gf.PCWF(0.5, pull=6))
+    side = gf.Contact([0, 0, 0.1], [0, 0, 1], gf.PCWF(0.5))
+    problem = gf.Grasp([up, side]).problem([0.2, 0, 0, 0, 0, 0], c_max=[2, 9], c_min=[2, 0])
+    problem = problem.replace(W=problem.W[:3], f=problem.f[:3])
+    for backend in BACKENDS:
+        found = gf.solve(problem, gf.Settings(backend=backend))
+        assert found.status is gf.Status.SOLVED
+        assert found.verify().ok
+        assert found.c[0] == pytest.approx(2, abs=1e-9 * (2 + 6))
+    assert problem.linear_limits()[1][[0, 2]] == pytest.approx([2 + 8e-9, -2 + 8e-9], abs=1e-12)
 
 
 def test_a_floor_above_the_ceiling_is_refused():

@@ -181,7 +181,7 @@ def test_sim_two_points_that_cannot_twist_an_object_say_so(run):
     assert log.ending is sim.Ending.DROPPED
     assert np.all(log.status == gf.Status.WRENCH_UNREACHABLE)
     assert (
-        "; tick 0 was the first without forces: the wrench is outside the range of W: these "
+        "; tick 0 was the first that was not solved: the wrench is outside the range of W: these "
         "contacts cannot make it, whatever their forces" in log.message
     )
     assert "N·m about" in log.message

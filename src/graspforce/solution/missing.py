@@ -42,7 +42,7 @@ def in_words(problem: ForceProblem, c: Array, nearest: bool) -> str:
     helps = ["soft fingers"] if twisted and not soft else []
     helps.append("another contact")
     if not problem.layout.soft_wrench:
-        helps.append("f_soft, with which the wrench may be missed")
+        helps.append("a soft wrench (f_soft)")
     return f"; c makes {what} lacks {_listed(parts, 'and')}; {_listed(helps, 'or')} would help"
 
 
