@@ -34,7 +34,7 @@ static double resident_megabytes() {
 }
 
 struct Tally {
-  long ticks = 0, verdicts[7] = {}, refused = 0, steps = 0, longest = 0;
+  long ticks = 0, verdicts[8] = {}, refused = 0, steps = 0, longest = 0;
   long allocations = 0, faults = 0, compared = 0, disagreements = 0;
   double worst_drift = 0;
 };
@@ -187,7 +187,7 @@ int main(int count, char** arguments) {
 
   std::printf("%ld ticks of %d grasps in %.0f s, seed %u\n", ticks, kStreams, seconds.count(),
               seed);
-  for (int status = 0; status < 7; ++status)
+  for (int status = 0; status < 8; ++status)
     std::printf("%-19s %10ld\n", to_string(Status(status)), tally.verdicts[status]);
   std::printf("refused             %10ld\n", tally.refused);
   std::printf("steps a tick        %10.2f on average, %ld at most\n",

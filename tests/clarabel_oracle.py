@@ -148,6 +148,44 @@ def violation_of(problem, c):
     return max(rows, *slips)
 
 
+def scales_by_hand(problem):
+    """1 N for forces; for torques the root mean square torque per newton of contact force."""
+    pushes = [
+        i
+        for part in components(problem.models)
+        for i in range(part.start, min(part.stop, part.start + 3))
+    ]
+    W = problem.W[:, pushes]
+    size = np.sqrt((W[3:] ** 2).sum() / (W[:3] ** 2).sum())
+    return np.array([1, 1, 1, size, size, size])
+
+
+def nearest_by_clarabel(problem):
+    """What the wrench nearest to f lacks of it: min ½‖s‖², (W c + s = f)/scale, c within limits."""
+    A, b, _, _ = limits_by_hand(problem)
+    scales, m, k = scales_by_hand(problem), problem.m, len(problem.f)
+    rows = [np.column_stack((problem.W / scales[:, None], np.eye(k)))]
+    rows += [np.column_stack((A, np.zeros((len(b), k))))]
+    right = [problem.f / scales, b]
+    kinds = [clarabel.ZeroConeT(k), clarabel.NonnegativeConeT(len(b))]
+    for model, part in zip(problem.models, components(problem.models), strict=True):
+        M = np.zeros((model.dim, m + k))
+        M[:, part] = -cone_matrix(model)
+        rows.append(M)
+        right.append(np.zeros(model.dim))
+        kinds.append(clarabel.SecondOrderConeT(model.dim))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+    settings.max_threads = 1
+    cost = sparse.csc_array(np.diag(np.r_[np.zeros(m), np.ones(k)]))
+    found = clarabel.DefaultSolver(
+        cost, np.zeros(m + k), sparse.csc_array(np.vstack(rows)), np.concatenate(right), kinds,
+        settings,
+    ).solve()  # fmt: skip
+    return str(found.status), np.array(found.x)[m:]
+
+
 # ---- random grasps, about half of which can do it ------------------------------------------------
 
 

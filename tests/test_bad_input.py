@@ -175,9 +175,9 @@ def test_torque_limits_must_not_exclude_each_other(gap):
     refused(rf"^tau_lo\[4\]: got {1 + gap:g}, expected less than tau_hi", tau_lo=lower)
 
 
-@pytest.mark.parametrize("floor", [8.0, 9.0])
-def test_floor_must_be_below_the_ceiling(floor):
-    refused(rf"^c_min\[0\]: got {floor:g}, expected less than c_max",
+@pytest.mark.parametrize("floor", [8.001, 9.0])
+def test_a_floor_must_not_be_above_the_ceiling(floor):
+    refused(rf"^c_min\[0\]: got {floor:g}, expected at most c_max",
             c_min=spoil(GOOD["c_min"], floor, 0))  # fmt: skip
 
 

@@ -92,13 +92,27 @@ def test_bits_do_not_depend_on_threads_order_or_neighbours(four_fingers):
     once = gf.solve_batch(**fields, threads=1)
     for threads in (2, 7):
         again = gf.solve_batch(**fields, threads=threads)
-        for name in ("c", "nu", "status", "newton_steps", "decrement", "violation"):
+        for name in ("c", "nu", "status", "newton_steps", "nearest", "decrement", "violation"):
             assert getattr(again, name).tobytes() == getattr(once, name).tobytes()
     order = np.random.default_rng(1).permutation(1200)
     shuffled = {name: value[order] if np.ndim(value) else value for name, value in fields.items()}
     assert gf.solve_batch(**shuffled).c.tobytes() == once.c[order].tobytes()
     some = {name: value[5:9] if np.ndim(value) else value for name, value in fields.items()}
     assert gf.solve_batch(**some).c.tobytes() == once.c[5:9].tobytes()
+
+
+def test_rows_that_cannot_be_held_come_with_the_force_for_the_nearest_wrench(four_fingers):
+    fields = {**four_fingers, "f": 30 * np.asarray(four_fingers["f"])}
+    batch = gf.solve_batch(**fields)
+    assert (batch.status == gf.Status.INFEASIBLE).any()
+    assert (batch.nearest == (batch.status == gf.Status.INFEASIBLE)).all()
+    assert batch.verify().ok.all()
+    assert (batch.friction_margins[batch.nearest] > 0).all()
+    for i in np.flatnonzero(batch.nearest)[:5].tolist():
+        alone = gf.solve(batch[i].problem)
+        assert np.array_equal(batch.c[i], alone.c)
+        assert batch.missing[i] == pytest.approx(alone.missing, rel=1e-12)
+        assert batch[i].message == alone.message
 
 
 def test_a_start_is_accepted_or_refused_row_by_row(four_fingers):

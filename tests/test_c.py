@@ -167,6 +167,10 @@ def test_an_infeasible_tick_has_its_violation(servo):
     servo.field("f")[2] = 500
     assert servo.lib.graspforce_status_name(servo.tick()) == b"INFEASIBLE"
     assert servo.violation() > 0
+    assert servo.nearest() == 1
+    margins = servo.find_margins()
+    assert min(margins.friction, margins.torque) > 0
+    assert margins.wrench_error > 1
     servo.field("f")[:] = servo.problem.f
     assert servo.tick() == 0
 

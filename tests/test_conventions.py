@@ -288,7 +288,7 @@ def test_22_violation():
     """Ceiling 2 N, reach 2 N, 3 N wanted: sigma = 1/2. And each other scale by itself."""
     solution = gf.solve(pressing(2.0))
     assert solution.violation == pytest.approx(0.5, rel=1e-5)
-    assert solution.c == pytest.approx([3.0])
+    assert solution.c == pytest.approx([2.0])  # the nearest wrench's, inside the ceiling
     # A joint with lever .1 m and ±.2 N·m: half its range .2, reach .4/.1 = 4 N.
     joint = {"J": [[0.1]], "tau_lo": -0.2, "tau_hi": 0.2}
     torque = gf.solve(gf.ForceProblem([[1.0]], [3.0], gf.FPC(), **joint))
@@ -443,3 +443,12 @@ def test_32_points_of_one_patch_share_a_weight(rng):
     assert phi == pytest.approx(gf.solve(problem).phi + change)
     assert found.phi < phi
     assert found.verify().ok
+
+
+def test_33_a_set_squeeze():
+    grasp, problem = pair(gf.PCWF(0.5), c_max=3.0, c_min=3.0)
+    found = gf.solve(problem([0, 0, 1, 0, 0, 0]))
+    assert found.status is gf.Status.SOLVED
+    assert found.normal_forces == pytest.approx([3.0] * len(grasp.contacts), rel=1e-9)
+    assert found.verify().ok
+    assert found.problem.linear_limits()[1] == pytest.approx([3.0] * 2 + [-3.0] * 2, rel=2e-9)

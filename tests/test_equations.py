@@ -117,6 +117,7 @@ FUNCTIONS = {
 SINGLE = {
     "particular_and_nullspace", "wrench_reachable", "decrement_and_error", "decrements_and_errors",
     "least_squares", "may_overflow", "decrement_after", "suboptimality", "undetermined",
+    "backtrack",
 }  # fmt: skip
 
 

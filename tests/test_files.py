@@ -230,7 +230,7 @@ BAD_GRASPS = {
     ),
     "second of two": (
         {"grasps": [CAN, changed(name="mug", c_min=30)]},
-        r"grasp 1 'mug': c_min\[0\]: got 30, expected less than c_max",
+        r"grasp 1 'mug': c_min\[0\]: got 30, expected at most c_max",
     ),
     "name that steers the terminal": (
         changed(name="\x1b[2J", f=[1]),

@@ -66,7 +66,6 @@ def test_the_least_violation_is_the_same_on_every_core(core, monkeypatch):
         judged += 1
         least = least_violation(problem)
         assert solution.violation == pytest.approx(least, rel=1e-6, abs=1e-9)
-        assert violation_of(problem, solution.c) == pytest.approx(least, rel=1e-6, abs=1e-9)
 
 
 @pytest.mark.parametrize(("backend", "count"), [("reference", 2), ("native", 15)])
@@ -85,7 +84,7 @@ def test_verdicts_beside_the_critical_load(backend, count, margin):
             assert solution.verify().ok
 
 
-# ---- the least-violation force ------------------------------------------------------------------
+# ---- force and violation ------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -94,11 +93,12 @@ def overloaded(rng, default):
     return gf.solve(problem.replace(f=30 * problem.f), default)
 
 
-def test_the_force_of_an_infeasible_grasp_violates_least(overloaded):
+def test_the_force_of_an_infeasible_grasp_keeps_the_limits(overloaded):
+    """The violation is that of the force that makes the wrench; c is another, see test_nearest."""
     problem, c = overloaded.problem, overloaded.c
     assert overloaded.status is gf.Status.INFEASIBLE
-    assert overloaded.wrench_error <= 1e-9 * (np.abs(problem.W) @ np.abs(c)).max()
-    assert violation_of(problem, c) == pytest.approx(overloaded.violation, rel=1e-6)
+    assert overloaded.nearest
+    assert violation_of(problem, c) < 0
     assert overloaded.violation == pytest.approx(least_violation(problem), rel=1e-6)
 
 

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from grasps import plant
 
 import graspforce as gf
 from graspforce.scenarios.random import geometry, grasps
@@ -143,6 +144,26 @@ def test_vjp_is_the_adjoint_of_jvp(seed):
     right = [float(np.sum(back[name] * change)) for name, change in changes.items()]
     size = sum(map(abs, left)) + sum(map(abs, right))
     assert abs(sum(left) - sum(right)) <= 1e-10 * size
+
+
+def test_a_set_squeeze_follows_its_floor_and_ceiling(rng):
+    planted = plant(rng, ["PCWF", "SFC", "PCWF", "PCWF"], alpha=2.0, ceilings=True)
+    first = np.eye(4)[0]
+    squeeze = 1.02 * planted.c[0] / planted.problem.engagement[0]
+    c_max = np.where(first > 0, squeeze, planted.problem.c_max)
+
+    def squeezed(more):
+        problem = planted.problem.replace(
+            c_max=c_max + more * first, c_min=(squeeze + more) * first
+        )
+        return gf.solve(problem, TIGHT)
+
+    derivatives = gf.sensitivity(squeezed(0.0))
+    found = derivatives.jvp(of=("c",), c_max=first, c_min=first)[0]
+    expected = (squeezed(1e-4).c - squeezed(-1e-4).c) / 2e-4
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max(), rtol=0)
+    back = derivatives.vjp(c=expected)
+    assert (back["c_max"] + back["c_min"])[0] == pytest.approx(found @ expected, rel=1e-3)
 
 
 def test_a_soft_wrench_and_rate_limits():

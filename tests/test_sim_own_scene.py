@@ -181,10 +181,12 @@ def test_sim_two_points_that_cannot_twist_an_object_say_so(run):
     )  # fmt: skip
     assert log.ending is sim.Ending.DROPPED
     assert np.all(log.status == gf.Status.WRENCH_UNREACHABLE)
-    assert log.message.endswith(
-        "; tick 0 was the first without forces: the wrench is outside the range of W: these "
-        "contacts cannot make it, whatever their forces"
+    assert (
+        "; tick 0 was the first that was not solved: the wrench is outside the range of W: these "
+        "contacts cannot make it, whatever their forces" in log.message
     )
+    assert "N·m about" in log.message
+    assert "soft fingers" in log.message
 
 
 def test_sim_divergence_is_seen_with_mujocos_reset_switched_on(run):

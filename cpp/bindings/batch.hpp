@@ -113,9 +113,9 @@ void interruptible(Work work) {
 // then z.
 inline nb::object solve_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::sequence fields,
                                  nb::handle start, Numbers c, Numbers nu, Integers status,
-                                 Integers newton_steps, Integers starts, Numbers decrement,
-                                 Numbers violation, double tol, int max_steps, double budget_us,
-                                 int threads) {
+                                 Integers newton_steps, Integers starts, Integers nearest,
+                                 Numbers decrement, Numbers violation, double tol, int max_steps,
+                                 double budget_us, int threads) {
   BatchRows rows = rows_of(tuple, count, fields);
   rows.settings = {tol, max_steps, budget_us};
   const std::size_t m = rows.layout.components(), k = rows.layout.wrench_rows;
@@ -123,11 +123,11 @@ inline nb::object solve_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::seq
   const std::size_t entries = count;
   if (c.size() != entries * force_count(rows.layout) || nu.size() != entries * k ||
       status.size() != entries || newton_steps.size() != entries || starts.size() != entries ||
-      decrement.size() != entries || violation.size() != entries)
+      decrement.size() != entries || violation.size() != entries || nearest.size() != entries)
     throw nb::value_error("outputs: expected arrays of one entry, or line, a row");
   std::optional<std::vector<BatchProof>> proofs;
-  const BatchAnswers answers{c.data(),      nu.data(),        status.data(),   newton_steps.data(),
-                             starts.data(), decrement.data(), violation.data()};
+  const BatchAnswers answers{c.data(),      nu.data(),      status.data(),    newton_steps.data(),
+                             starts.data(), nearest.data(), decrement.data(), violation.data()};
   interruptible([&](auto poll) {
     proofs = solve_batch(rows, answers, threads, poll);
     return proofs.has_value();

@@ -27,11 +27,11 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
 
   module.def(
       "solve_batch", &graspforce::solve_batch_of, "layout"_a, "count"_a, "fields"_a,
-      "start"_a.none(), "c"_a, "nu"_a, "status"_a, "newton_steps"_a, "starts"_a, "decrement"_a,
-      "violation"_a, "tol"_a, "max_steps"_a, "budget_us"_a, "threads"_a,
+      "start"_a.none(), "c"_a, "nu"_a, "status"_a, "newton_steps"_a, "starts"_a, "nearest"_a,
+      "decrement"_a, "violation"_a, "tol"_a, "max_steps"_a, "budget_us"_a, "threads"_a,
       nb::sig("def solve_batch(layout: object, count: int, fields: Sequence[object], start: "
               "object | None, c: object, nu: object, status: object, newton_steps: "
-              "object, starts: object, decrement: object, violation: object, tol: "
+              "object, starts: object, nearest: object, decrement: object, violation: object, tol: "
               "float, max_steps: int, budget_us: float, threads: int) -> tuple[object, "
               "object]"),
       "Solves `count` problems of a layout, whose fields are arrays of one row each or of one "
@@ -96,6 +96,7 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("newton_steps", [](const Outcome& o) { return o.result.newton_steps; })
       .def_prop_ro("decrement", [](const Outcome& o) { return o.result.decrement; })
       .def_prop_ro("violation", [](const Outcome& o) { return o.result.violation; })
+      .def_prop_ro("nearest", [](const Outcome& o) { return o.result.nearest; })
       .def_prop_ro("start", [](const Outcome& o) { return static_cast<int>(o.result.start); })
       .def_prop_ro("elapsed_us", [](const Outcome& o) { return o.result.elapsed_us; })
       .def_prop_ro("c", field(&Outcome::c, &Outcome::m))

@@ -156,6 +156,7 @@ int graspforce_newton_steps(const graspforce_servo* servo) { return servo->resul
 double graspforce_decrement(const graspforce_servo* servo) { return servo->result().decrement; }
 
 double graspforce_violation(const graspforce_servo* servo) { return servo->result().violation; }
+int graspforce_nearest(const graspforce_servo* servo) { return servo->result().nearest; }
 
 double graspforce_elapsed_us(const graspforce_servo* servo) { return servo->result().elapsed_us; }
 

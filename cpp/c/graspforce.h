@@ -39,7 +39,8 @@ typedef enum graspforce_status {
   GRASPFORCE_UNBOUNDED = 3,
   GRASPFORCE_MAX_STEPS = 4,
   GRASPFORCE_STALLED = 5,
-  GRASPFORCE_INVALID_NUMBERS = 6  // of a tick that was refused, too: graspforce_refusal
+  GRASPFORCE_INVALID_NUMBERS = 6,  // of a tick that was refused, too: graspforce_refusal
+  GRASPFORCE_ON_EDGE = 7
 } graspforce_status;
 
 typedef struct graspforce_servo graspforce_servo;
@@ -93,6 +94,9 @@ GRASPFORCE_API int graspforce_newton_steps(const graspforce_servo* servo);
 GRASPFORCE_API double graspforce_decrement(const graspforce_servo* servo);
 // The least relative violation of an infeasible tick.
 GRASPFORCE_API double graspforce_violation(const graspforce_servo* servo);
+// 1 where the tick is INFEASIBLE, WRENCH_UNREACHABLE or ON_EDGE and the forces, strictly inside every
+// cone and limit, make the wrench nearest to f: to hold them is better than to let go. Else 0.
+GRASPFORCE_API int graspforce_nearest(const graspforce_servo* servo);
 GRASPFORCE_API double graspforce_elapsed_us(const graspforce_servo* servo);  // with a budget_us
 
 // Recomputed from the fields and the forces alone.

@@ -64,7 +64,7 @@ static void a_life(unsigned seed, long* verdicts) {
 }
 
 int main() {
-  long verdicts[7] = {};
+  long verdicts[8] = {};
   for (unsigned seed = 0; seed < 400; ++seed) a_life(seed, verdicts);
   // Solved, infeasible, unreachable and cut short: all of it was there.
   for (Status status :

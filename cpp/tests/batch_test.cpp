@@ -19,7 +19,7 @@ struct Rows {
   Layout layout;
   std::vector<double> packed, start;  // line by line; no start where that is empty
   std::vector<double> c, nu, decrement, violation;
-  std::vector<int> status, newton_steps, starts;
+  std::vector<int> status, newton_steps, starts, nearest;
   std::vector<BatchProof> proofs;
   bool share_limits = false;  // all rows are read with the first's numbers but for W, f and J
 
@@ -31,11 +31,10 @@ struct Rows {
     const std::size_t B = count(), k = layout.wrench_rows;
     c.assign(B * forces(), -1), nu.assign(B * k, -1), decrement.assign(B, -1),
         violation.assign(B, -1);
-    status.assign(B, -1), newton_steps.assign(B, -1), starts.assign(B, -1);
+    status.assign(B, -1), newton_steps.assign(B, -1), starts.assign(B, -1), nearest.assign(B, -1);
     const BatchRows rows = columns(settings);
-    const BatchAnswers answers{
-        c.data(),      nu.data(),        status.data(),   newton_steps.data(),
-        starts.data(), decrement.data(), violation.data()};
+    const BatchAnswers answers{c.data(),      nu.data(),      status.data(),    newton_steps.data(),
+                               starts.data(), nearest.data(), decrement.data(), violation.data()};
     const auto found = solve_batch(rows, answers, threads, [] { return true; });
     EXPECT(found.has_value());
     proofs = *found;
@@ -95,7 +94,7 @@ bool same_bits(const std::vector<double>& a, const std::vector<double>& b) {
 bool same_answers(const Rows& a, const Rows& b) {
   return same_bits(a.c, b.c) && same_bits(a.nu, b.nu) && same_bits(a.decrement, b.decrement) &&
          same_bits(a.violation, b.violation) && a.status == b.status &&
-         a.newton_steps == b.newton_steps && a.starts == b.starts;
+         a.newton_steps == b.newton_steps && a.starts == b.starts && a.nearest == b.nearest;
 }
 
 // Each row as the engine by itself answers it: the same verdict and start, forces to rounding.
@@ -113,6 +112,9 @@ void agree_with_engine(const Rows& rows, int& solved) {
     const Result& result =
         engine.solve(packed, {}, rows.start.empty() ? nullptr : rows.start.data() + i * forces);
     EXPECT(rows.status[i] == int(result.status));
+    EXPECT(rows.nearest[i] == int(result.nearest));
+    if (result.nearest)
+      EXPECT(std::equal(engine.forces(), engine.forces() + forces, rows.c.data() + i * forces));
     if (result.status == Status::Infeasible) {
       EXPECT(proof < rows.proofs.size() && rows.proofs[proof].row == std::ptrdiff_t(i));
       EXPECT(rows.proofs[proof].numbers[0] == engine.certificate_y()[0]);
@@ -296,8 +298,8 @@ void a_batch_stops() {
   rows.solve(1);  // makes the arrays
   std::fill(rows.status.begin(), rows.status.end(), -1);
   const BatchAnswers answers{
-      rows.c.data(),      rows.nu.data(),        rows.status.data(),   rows.newton_steps.data(),
-      rows.starts.data(), rows.decrement.data(), rows.violation.data()};
+      rows.c.data(),      rows.nu.data(),      rows.status.data(),    rows.newton_steps.data(),
+      rows.starts.data(), rows.nearest.data(), rows.decrement.data(), rows.violation.data()};
   EXPECT(!solve_batch(all, answers, 2, [] { return false; }));
   EXPECT(rows.status.back() == -1);
 }

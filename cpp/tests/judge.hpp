@@ -27,14 +27,14 @@ class Judge {
   // What is wrong with a verdict; null when nothing is.
   const char* find_fault(const Engine& engine, const Result& result) const {
     const int status = static_cast<int>(result.status);
-    if (status < 0 || status > 6) return "no such status";
+    if (status < 0 || status > 7) return "no such status";
     for (int i = 0; i < forces_; ++i)
       if (!std::isfinite(engine.forces()[i])) return "a force that is no number";
     for (int r = 0; r < layout_.wrench_rows; ++r)
       if (!std::isfinite(engine.multipliers()[r])) return "a multiplier that is no number";
     if (!(result.decrement >= 0)) return "a decrement that is no number";
     const bool none = result.status == Status::Infeasible || result.status == Status::Unbounded ||
-                      result.status == Status::WrenchUnreachable;
+                      result.status == Status::WrenchUnreachable || result.status == Status::OnEdge;
     if (none && result.decrement < kInfinity) return "no minimum, and a bound on the decrement";
     if (!(result.violation >= 0 && result.violation < kInfinity))
       return "a violation that is no number";
@@ -44,6 +44,13 @@ class Judge {
       if (passes_a_limit(engine.forces())) return "solved, and a limit is passed";
       if (!(wrench_error(engine.forces()) <= 1e-9L)) return "solved, and the wrench is another";
     }
+    if (result.nearest) {
+      if (!none || result.status == Status::Unbounded) return "a nearest wrench without need of it";
+      if (slips(engine.forces())) return "the nearest wrench, and a contact slips";
+      if (passes_a_limit(engine.forces())) return "the nearest wrench, and a limit is passed";
+    }
+    if (result.status == Status::OnEdge && !(wrench_error(engine.forces()) <= 1e-7L))
+      return "on the edge, and the wrench is another";
     if (result.status == Status::Infeasible &&
         !proves_infeasible(engine.certificate_y(), engine.certificate_z()))
       return "infeasible without a proof";
@@ -65,7 +72,7 @@ class Judge {
       worst = std::max(worst, std::abs(sum));
       scale = std::max(scale, size);
     }
-    return scale > 0 ? worst / scale : 0;
+    return worst > m_ * kLeast ? worst / scale : 0;  // but for what underflows in double
   }
 
  private:
@@ -248,7 +255,13 @@ class Judge {
       if (!(side > 0 ? layout_.ceilings : layout_.floors)) continue;
       for (int i = 0; i < n; ++i) {
         const int normal = layout_.first(i);
-        const Real bound = Real(p_.engagement[i]) * (side > 0 ? p_.c_max : p_.c_min)[i];
+        // A floor at the ceiling leaves 1e-9 of it to either side, a pull counted in.
+        const Real more = layout_.pulls ? p_.pull[i] : 0;
+        Real force = (side > 0 ? p_.c_max : p_.c_min)[i] + more;
+        if (side > 0 && layout_.floors) force = std::max(force, (1 + 1e-9L) * (p_.c_min[i] + more));
+        if (side < 0 && layout_.ceilings)
+          force = std::min(force, (1 - 1e-9L) * (p_.c_max[i] + more));
+        const Real bound = Real(p_.engagement[i]) * (force - more);
         offer([normal, side](int c) { return c == normal ? Real(side) : 0; }, side * bound, bound);
       }
     }

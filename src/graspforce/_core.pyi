@@ -17,7 +17,7 @@ def instruction_sets() -> list[str]:
 def solve(solution: object, problem: object, layout: object, packed: object, start: object | None, tol: float, max_steps: int, budget_us: float) -> object:
     """Solves a ForceProblem; what comes back is a `solution`."""
 
-def solve_batch(layout: object, count: int, fields: Sequence[object], start: object | None, c: object, nu: object, status: object, newton_steps: object, starts: object, decrement: object, violation: object, tol: float, max_steps: int, budget_us: float, threads: int) -> tuple[object, object]:
+def solve_batch(layout: object, count: int, fields: Sequence[object], start: object | None, c: object, nu: object, status: object, newton_steps: object, starts: object, nearest: object, decrement: object, violation: object, tol: float, max_steps: int, budget_us: float, threads: int) -> tuple[object, object]:
     """
     Solves `count` problems of a layout, whose fields are arrays of one row each or of one that all share, into the arrays given; the infeasible rows and their certificates.
     """
@@ -64,6 +64,9 @@ class Outcome:
 
     @property
     def violation(self) -> float: ...
+
+    @property
+    def nearest(self) -> bool: ...
 
     @property
     def start(self) -> int: ...

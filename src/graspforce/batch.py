@@ -51,7 +51,8 @@ _SOLVED_AT_ONCE = 8192
 # What a row whose numbers make no problem gets for what is computed from its data.
 _OF_INVALID = {
     "tau": 0.0, "normal_forces": 0.0, "friction_margins": -np.inf, "friction_residual": -np.inf,
-    "torque_margins": -np.inf, "torque_residual": -np.inf, "wrench_error": np.inf, "phi": np.inf,
+    "torque_margins": -np.inf, "torque_residual": -np.inf, "wrench_error": np.inf,
+    "missing": np.inf, "phi": np.inf,
 }  # fmt: skip
 
 
@@ -297,6 +298,7 @@ class _Found:
     status: NDArray[np.int32]
     newton_steps: NDArray[np.int32]
     start: NDArray[np.int32]
+    nearest: NDArray[np.int32]
     decrement: Array
     violation: Array
 
@@ -306,6 +308,7 @@ class _Found:
         return cls(
             np.empty((count, sizes["m"] + sizes["r"])),
             np.empty((count, sizes["k"])),
+            np.empty(count, dtype=np.int32),
             np.empty(count, dtype=np.int32),
             np.empty(count, dtype=np.int32),
             np.empty(count, dtype=np.int32),
@@ -344,8 +347,8 @@ def _solve_by_core(
             guess = np.ascontiguousarray(guess, dtype=np.float64)
         indices, certificates = native.module.solve_batch(
             rows.layout, len(part), fields, guess, to.forces, to.nu, to.status, to.newton_steps,
-            to.start, to.decrement, to.violation, settings.tol, settings.max_steps, budget_us,
-            threads,
+            to.start, to.nearest, to.decrement, to.violation, settings.tol, settings.max_steps,
+            budget_us, threads,
         )  # fmt: skip
         for index, line in zip(indices.tolist(), certificates, strict=True):
             proofs[first + index] = line[:k], line[k:]
@@ -491,6 +494,16 @@ class Batch(Sequence[Solution]):
         return self.found.violation
 
     @property
+    def nearest(self) -> NDArray[np.bool_]:
+        """Which rows' c is for the nearest wrench, see :attr:`Solution.nearest`, shape (B,)."""
+        return self.found.nearest.astype(bool)
+
+    @cached_property
+    def missing(self) -> Array:
+        """What c lacks of the wrenches, f − W c, shape (B, k) [N, N·m]."""
+        return self._from_data("missing")
+
+    @property
     def suboptimality(self) -> Array:
         """Certified bounds on Phi(c) − Phi*, shape (B,); inf without one."""
         inside = self.decrement < 1
@@ -593,6 +606,7 @@ class Batch(Sequence[Solution]):
             int(found.status[row]), int(found.newton_steps[row]), np.array(self.c[row]),
             np.array(found.nu[row]), float(found.decrement[row]), float(found.violation[row]), y, z,
             int(found.start[row]), internal_forces=np.array(self.internal_forces[row]),
+            nearest=bool(found.nearest[row]),
         )  # fmt: skip
 
     def _row(self, index: int) -> int:

@@ -29,7 +29,7 @@ from graspforce._util.arrays import Array, as_array, require_instance, require_k
 from graspforce.batch import Batch, BatchProblems, available_cores
 from graspforce.equations import by_contact, stacked
 from graspforce.errors import InvalidInputError
-from graspforce.problem import all_limits
+from graspforce.problem import SQUEEZE, all_limits, with_bands
 from graspforce.solution import Solution
 
 # Rows whose derivatives are computed together; bounds the memory for their limits.
@@ -216,6 +216,10 @@ class _Rows:
                 for name, value in self.data.items()
             }
             self.nu = np.where(self.solved[:, None], self.nu, 0.0)
+        given, self.data = self.data, dict(with_bands(self.layout, self.data))
+        # Where a set squeeze moves a bound away from the other, that other is what it follows.
+        self.raised = self.data["c_max"] > given["c_max"]
+        self.lowered = self.data["c_min"] < given["c_min"]
         self.A, self.b = all_limits(self.layout, self.data)
         slack = equations.slacks(self.c, self.A, self.b)
         counted = np.ones(slack.shape, dtype=bool)
@@ -330,9 +334,11 @@ class _Rows:
             name: d[name]
             for name in ("J", "tau_lo", "tau_hi", "tau_bias", "c_last", "dc_max", "A", "b")
         }
-        A, b = all_limits(self.layout, fields | {"engagement": data["engagement"]} | {
-            name: d[name] for name in ("c_max", "c_min")
-        })  # fmt: skip
+        bounds = {name: d[name] for name in ("c_max", "c_min")}
+        if self.layout.ceilings and self.layout.floors:
+            bounds["c_max"] = np.where(self.raised, (1 + SQUEEZE) * d["c_min"], d["c_max"])
+            bounds["c_min"] = np.where(self.lowered, (1 - SQUEEZE) * d["c_max"], d["c_min"])
+        A, b = all_limits(self.layout, fields | {"engagement": data["engagement"]} | bounds)
         # the rows of normal and rate limits do not depend on any field
         constant, _ = all_limits(self.layout, zero)
         _, of_engagement = all_limits(

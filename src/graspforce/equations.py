@@ -530,6 +530,31 @@ def newton_step(gradient: Array, hessian: Array) -> Array:
     return -scale * np.linalg.solve(scaled, (scale * gradient)[..., None])[..., 0]
 
 
+def backtrack(
+    lam: Array, d: Array, slope: float, c_p: Array, N: Array, barriers: Barriers
+) -> float:
+    """γ of Eq. (21): halve until the step stays inside and the objective falls (Armijo).
+
+    Args:
+        lam: reduced variables, shape (q,).
+        d: the step, likewise.
+        slope: of the objective along d, below 0.
+        c_p: particular solution of W c = f, shape (m,) [N, N·m].
+        N: null space of W, shape (m, q).
+        barriers: cones, limits, alpha and softness; of one problem.
+
+    Returns:
+        γ; 0 where rounding leaves none.
+    """
+    gamma, before = 1.0, reduced_objective(lam, c_p, N, barriers)
+    while gamma > 1e-16:
+        after = reduced_objective(lam + gamma * d, c_p, N, barriers)
+        if after <= before + 0.1 * gamma * slope:
+            return gamma
+        gamma /= 2
+    return 0.0
+
+
 def friction_residual(c: Array, cones: Cones) -> Any:
     """Smallest squared distance of the contact forces to slipping, r_f of Eq. (22).
 

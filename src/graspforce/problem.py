@@ -27,6 +27,9 @@ from graspforce.errors import InvalidInputError
 # its cone, its limits and its finger's joints leave the problem (end of Section III-C.3).
 REMOVAL_THRESHOLD = 1e-6
 
+# A normal force whose floor is its ceiling, a set squeeze, keeps to this share of it.
+SQUEEZE = 1e-9
+
 # Arguments that make sense together alone.
 _GROUPS = (("J", "tau_lo", "tau_hi"), ("A", "b"), ("c_last", "dc_max"))
 
@@ -75,7 +78,8 @@ class ForceProblem:
         tau_hi: upper joint torque limits, likewise.
         tau_bias: torques that the fingers need for themselves, likewise; default 0.
         c_max: ceilings of the normal forces, shape (n,) or a scalar [N].
-        c_min: floors of the normal forces, likewise; 0 or more.
+        c_min: floors of the normal forces, likewise; 0 to c_max. A contact with c_min = c_max
+            presses with just that force, to 1e-9 of it.
         engagement: the paper's w_i in 0…1, shape (n,) or a scalar; needs c_max; default 1.
             A contact at 1e-6 or below is out of the grasp.
         A: further inequalities' matrix, shape (p, m).
@@ -276,6 +280,14 @@ class ForceProblem:
         return contact_starts(self.models)
 
     @property
+    def squeezed(self) -> NDArray[np.bool_]:
+        """Which contacts' normal forces are set, c_min = c_max to 1e-9 of n + pull, shape (n,)."""
+        if not (self.layout.ceilings and self.layout.floors):
+            return np.zeros(self.n, dtype=bool)
+        pull = self.pull if self.layout.pulls else 0.0
+        return self.c_min + pull >= (1 - SQUEEZE) * (self.c_max + pull)
+
+    @property
     def active(self) -> NDArray[np.bool_]:
         """Which contacts are part of the grasp, shape (n,): engagement above 1e-6."""
         return self.engagement > REMOVAL_THRESHOLD
@@ -398,7 +410,7 @@ class ForceProblem:
             internal forces of the motors. The columns of contacts that are out of the grasp are
             zero, and rows that touch nothing else are left out.
         """
-        A, b = all_limits(self.layout, self.layout.views(self.packed))
+        A, b = all_limits(self.layout, with_bands(self.layout, self.layout.views(self.packed)))
         if self.active.all():
             return A, b
         counted = self.counted_limits()
@@ -455,6 +467,29 @@ class ForceProblem:
         rows += [np.where(own > 0, own, np.maximum(np.abs(self.b), fallback))]
         return np.concatenate(rows)[self.counted_limits()], self.mu * reach
 
+    def wrench_scales(self) -> Array:
+        """What one unit of a missing wrench means, for each row of W c = f.
+
+        By these the wrench nearest to f is meant where f itself cannot be had (``Solution.c``).
+        Forces count by 1 N. Torques count by the grasp's size: the torque about the origin that a
+        newton of contact force makes, root mean square over the force components of the contacts
+        in the grasp [m]. So with six rows (behind which further ones may follow) and with
+        three, a body in the plane. Any other row counts by the root mean square of its length over
+        the contacts.
+
+        Returns:
+            Shape (k,) [N, N·m].
+        """
+        inside = self.active_components
+        pushes = inside & (np.concatenate([np.arange(dim) for dim in self.layout.dims]) < 3)
+        forces, torques = row_kinds(len(self.f))
+        with np.errstate(all="ignore"):
+            squared = np.square(self.W[:, inside]).sum(axis=1) / self.active.sum()
+            by_row = np.square(self.W[:, pushes]).sum(axis=1)
+            squared[forces] = 1.0
+            squared[torques] = by_row[torques].sum() / by_row[forces].sum()
+        return np.sqrt(np.where((squared > 0) & np.isfinite(squared), squared, 1.0))
+
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"a ForceProblem is frozen; use problem.replace({name}=…)")
 
@@ -489,12 +524,36 @@ class ForceProblem:
         )
 
 
+def row_kinds(k: int) -> tuple[slice, slice]:
+    """Return which of k rows of W are a body's forces, and which its torques.
+
+    Those of a body in space come first, with any further rows behind them, or there are the three
+    of a body in the plane. Rows of another number are not known to be either.
+    """
+    forces, torques = (3, 3) if k >= 6 else (2, 1) if k == 3 else (0, 0)
+    return slice(0, forces), slice(forces, forces + torques)
+
+
+def with_bands(layout: Layout, fields: Mapping[str, Array]) -> Mapping[str, Array]:
+    """Return the fields with the band between c_min and c_max that a set squeeze leaves."""
+    if not (layout.ceilings and layout.floors):
+        return fields
+    pull = fields["pull"] if layout.pulls else 0.0
+    most, least = fields["c_max"] + pull, fields["c_min"] + pull
+    return {
+        **fields,
+        "c_max": np.maximum(most, (1 + SQUEEZE) * least) - pull,
+        "c_min": np.minimum(least, (1 - SQUEEZE) * most) - pull,
+    }
+
+
 def all_limits(layout: Layout, fields: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return all linear limits of a problem, or of a batch of them, as ``A c ≤ b``.
 
     Args:
         layout: of the problems.
-        fields: the problems' fields by name, with any leading axes, see :meth:`Layout.views`.
+        fields: the problems' fields :func:`with_bands`, by name, with any leading axes, see
+            :meth:`Layout.views`. Linear in all but the products of engagement and its partners.
 
     Returns:
         A, shape (…, v, m + r), and b, shape (…, v), in the order of

@@ -33,7 +33,7 @@ class Servo:
 
         servo.f[:] = f
         servo.J[:] = J
-        if servo.tick() is gf.Status.SOLVED:
+        if servo.tick() is gf.Status.SOLVED or servo.solution.nearest:
             tau = servo.J.T @ servo.c
 
     Contacts leave the grasp and come back through ``engagement``, without new memory.
@@ -53,7 +53,7 @@ class Servo:
             cone_weight, c_last, dc_max, A, b, mu, gamma, alpha: the next tick's fields of a
             :class:`ForceProblem`, arrays that live in the Servo and are written in place
             (``servo.alpha[...] = 3``); empty where the first problem had none. With rate limits,
-            ``c_last`` is overwritten by the forces of every tick that is SOLVED.
+            ``c_last`` is overwritten by the forces of every tick that is SOLVED or ``nearest``.
     """
 
     __slots__ = {

@@ -215,18 +215,21 @@ class Adjoint {
                          double& alpha, const Fields<double*>& out) const {
     each_contact([&](int i, int first, int) {
       if (!p.in_grasp(i)) return;
+      // Where a set squeeze moves a bound away from the other, that other is what it follows.
       const double share = p.engagement[i];
       if (layout_.ceilings) {
-        const double most = p.c_max[i];
-        const double b = limit(share * most - c[first], x[first], *p.alpha, phi, alpha).by_b;
-        add(out.c_max, i, share * b);
-        add(out.engagement, i, most * b);
+        const double most = normal_ceiling(layout_, p, i);
+        const double b = limit(most - c[first], x[first], *p.alpha, phi, alpha).by_b;
+        const bool raised = most > share * p.c_max[i];
+        add(raised ? out.c_min : out.c_max, i, (raised ? 1 + kSqueeze : 1) * share * b);
+        add(out.engagement, i, most / share * b);
       }
       if (layout_.floors) {
-        const double least = p.c_min[i];
-        const double b = limit(c[first] - share * least, -x[first], *p.alpha, phi, alpha).by_b;
-        add(out.c_min, i, -share * b);
-        add(out.engagement, i, -least * b);
+        const double least = normal_floor(layout_, p, i);
+        const double b = limit(c[first] - least, -x[first], *p.alpha, phi, alpha).by_b;
+        const bool lowered = least < share * p.c_min[i];
+        add(lowered ? out.c_max : out.c_min, i, (lowered ? kSqueeze - 1 : -1) * share * b);
+        add(out.engagement, i, -least / share * b);
       }
     });
   }

@@ -21,6 +21,7 @@ enum class Status : int {
   MaxSteps = 4,
   Stalled = 5,
   InvalidNumbers = 6,
+  OnEdge = 7,
 };
 
 inline const char* to_string(Status status) {
@@ -37,6 +38,8 @@ inline const char* to_string(Status status) {
       return "MAX_STEPS";
     case Status::Stalled:
       return "STALLED";
+    case Status::OnEdge:
+      return "ON_EDGE";
     case Status::InvalidNumbers:
       break;
   }
@@ -56,6 +59,9 @@ struct Result {
   int newton_steps = 0;
   double decrement = kInfinity;  // certified bound, for Phi / barrier_unit
   double violation = 0;          // least relative violation when infeasible
+  // Without a verdict of Solved: the forces are strictly inside every cone and limit, and make the
+  // wrench nearest to f (see nearest.hpp).
+  bool nearest = false;
   Start start = Start::Cold;
   double elapsed_us = 0;  // measured only where the settings limit the time
 };
@@ -81,6 +87,7 @@ struct Answer {
     result.status = status;
     result.decrement = kInfinity;
     result.violation = 0;
+    result.nearest = false;
   }
 
   // Takes over what Newton's method has reached on a barrier; true when that ends the solve: with a
@@ -111,8 +118,13 @@ struct Answer {
 
   bool finite() const {
     const auto is_finite = [](double number) { return std::isfinite(number); };
-    return std::all_of(c.begin(), c.end(), is_finite) &&
-           std::all_of(nu.begin(), nu.end(), is_finite);
+    return std::all_of(c.begin(), c.end(), is_finite) && multipliers_finite();
+  }
+  // In few instructions: ticks of a soft wrench ask.
+  bool multipliers_finite() const {
+    double zero = 0;
+    for (double multiplier : nu) zero += 0 * multiplier;
+    return zero == 0;
   }
 };
 

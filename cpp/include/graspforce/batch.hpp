@@ -24,7 +24,7 @@ namespace graspforce {
 // Where the answers go: arrays of one entry, or one line, a row.
 struct BatchAnswers {
   double *c, *nu;  // count × (m + r), count × k
-  int *status, *newton_steps, *start;
+  int *status, *newton_steps, *start, *nearest;
   double *decrement, *violation;
 
   void write(std::ptrdiff_t row, const Result& result) const {
@@ -33,6 +33,7 @@ struct BatchAnswers {
     start[row] = int(result.start);
     decrement[row] = result.decrement;
     violation[row] = result.violation;
+    nearest[row] = result.nearest;
   }
 };
 

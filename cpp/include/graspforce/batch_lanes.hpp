@@ -263,8 +263,8 @@ class BatchLanes {
       Group& group = groups_[i];
       group.mu[l] = dims_[i] > 1 ? p.mu[i] : 1;
       if (dims_[i] > 3) group.torsion[l] = p.mu[i] / p.gamma[i];
-      if (layout_.ceilings) group.ceiling[l] = p.engagement[i] * p.c_max[i];
-      if (layout_.floors) group.floor[l] = p.engagement[i] * p.c_min[i];
+      if (layout_.ceilings) group.ceiling[l] = normal_ceiling(layout_, p, i);
+      if (layout_.floors) group.floor[l] = normal_floor(layout_, p, i);
     }
     inverse_cone_weight_[l] = std::min(1.0, *p.alpha);
     cone_weight_[l] = 1 / inverse_cone_weight_[l];

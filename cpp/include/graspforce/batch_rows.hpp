@@ -78,7 +78,7 @@ struct BatchRows {
       good &= layout.ceilings ? (share > kRemovalThreshold) & (share <= 1) : share == 1;
       if (layout.ceilings) good &= (p.c_max[i] > 0) & (p.c_max[i] < kInfinity);
       if (layout.floors) good &= (p.c_min[i] >= 0) & (p.c_min[i] < kInfinity);
-      if (layout.ceilings && layout.floors) good &= p.c_min[i] < p.c_max[i];
+      if (layout.ceilings && layout.floors) good &= p.c_min[i] <= p.c_max[i];
     }
     return good && others_at_default(p);
   }

@@ -72,7 +72,7 @@ class Blocks {
         k_(layout.wrench_rows),
         rows_in_use_(k_),
         f_(k_),
-        soft_(k_),
+        softness_(k_),
         tips_(layout.contacts()),
         arena_(most_numbers(layout)) {
     parts_.reserve(most_blocks(layout));
@@ -85,7 +85,7 @@ class Blocks {
     std::size_t total = 0;
     for (const Block& block : structure.blocks())
       total += block.components.size() * k + count_rows(block) * (block.components.size() + 3);
-    if (layout_.soft_wrench) total += k * k;
+    total += k * k;
     arena_.reset(total);
     Tip* tips = tips_.data();
     for (const Block& block : structure.blocks()) {
@@ -106,9 +106,8 @@ class Blocks {
       parts_.push_back(part);
     }
     of_forces_ = parts_.size();
-    for (int r = 0; layout_.soft_wrench && r < layout_.wrench_rows; ++r)
-      parts_.push_back(
-          {nullptr, {}, r, 1, 0, {tips, 0}, arena_.take(k), nullptr, nullptr, nullptr, nullptr});
+    slack_columns_ = arena_.take(k * k);
+    if (layout_.soft_wrench) add_slacks();
   }
 
   // Takes a problem's numbers, all of them whatever has changed.
@@ -116,7 +115,7 @@ class Blocks {
     k_ = layout_.wrench_rows;
     for (int r = 0; r < k_; ++r) rows_in_use_[r] = r;
     std::copy(p.f, p.f + k_, f_.begin());
-    for (int r = 0; layout_.soft_wrench && r < k_; ++r) soft_[r] = p.f_soft[r] > 0;
+    for (int r = 0; r < k_; ++r) softness_[r] = layout_.soft_wrench ? p.f_soft[r] : 0;
     for (BlockData& part : parts_) load_wrench_rows(p, part);
     for (BlockData& part : forces()) load_limits(p, part);
     scale_violations();
@@ -130,6 +129,19 @@ class Blocks {
     for (BlockData& part : parts_) load_wrench_rows(p, part);
   }
 
+  // Gives the rows that are exact a softness, and keeps them alone; the points of these blocks have
+  // to be allotted anew, and once more after `harden`.
+  void soften(const Problem& p, const std::vector<int>& exact, const double* softness) {
+    for (int r : exact) softness_[r] = softness[r];
+    if (!layout_.soft_wrench) add_slacks();
+    restrict_rows(p, exact);
+  }
+  // Undoes that; the rows that are to hold are then to be chosen again.
+  void harden(const std::vector<int>& exact) {
+    for (int r : exact) softness_[r] = 0;
+    if (!layout_.soft_wrench) parts_.resize(of_forces_);
+  }
+
   const Layout& layout() const { return layout_; }
   const std::vector<BlockData>& parts() const { return parts_; }
   // Those of forces; the slacks of a soft wrench follow them.
@@ -137,7 +149,7 @@ class Blocks {
   int k() const { return k_; }                      // rows of W c = f in use
   const double* f() const { return f_.data(); }     // their right-hand sides
   int row(int r) const { return rows_in_use_[r]; }  // where row r stands in the problem
-  bool is_soft(int r) const { return soft_[row(r)] != 0; }
+  bool is_soft(int r) const { return softness_[row(r)] > 0; }
   // The size of force that the limits are made for, by the largest of them, or of the wrench.
   double size() const {
     double most = 0;
@@ -180,7 +192,23 @@ class Blocks {
   static std::size_t most_numbers(const Layout& layout) {
     return std::size_t(force_count(layout)) * layout.wrench_rows +
            most_rows(layout) * (largest_block(layout) + 3) +
-           (layout.soft_wrench ? std::size_t(layout.wrench_rows) * layout.wrench_rows : 0);
+           std::size_t(layout.wrench_rows) * layout.wrench_rows;
+  }
+
+  // One slack a row of the problem, behind the forces.
+  void add_slacks() {
+    for (int r = 0, k = layout_.wrench_rows; r < k; ++r)
+      parts_.push_back({nullptr,
+                        {},
+                        r,
+                        1,
+                        0,
+                        {tips_.data(), 0},
+                        slack_columns_ + r * k,
+                        nullptr,
+                        nullptr,
+                        nullptr,
+                        nullptr});
   }
 
   // Contacts whose normal force has a row, components that have one.
@@ -205,7 +233,7 @@ class Blocks {
         part.Wt[i * k_ + r] = c < m ? p.W[entry_at(rows_in_use_[r], c, m)] : 0;
       }
     for (int r = 0; part.slack_row >= 0 && r < k_; ++r)
-      part.Wt[r] = rows_in_use_[r] == part.slack_row ? p.f_soft[part.slack_row] : 0;
+      part.Wt[r] = rows_in_use_[r] == part.slack_row ? softness_[part.slack_row] : 0;
   }
 
   void load_limits(const Problem& p, BlockData& part) {
@@ -233,10 +261,9 @@ class Blocks {
       tip.cone.torsion = p.mu[tip.contact] / p.gamma[tip.contact];
       if (layout_.cone_weights) tip.weight = p.cone_weight[tip.contact];
       if (boxed_contacts(block) == 0) continue;
-      const double share = p.engagement[tip.contact];
       a[tip.first] = 1;
-      part.hi[r] = layout_.ceilings ? share * p.c_max[tip.contact] : kInfinity;
-      part.lo[r] = layout_.floors ? share * p.c_min[tip.contact] : -kInfinity;
+      part.hi[r] = normal_ceiling(layout_, p, tip.contact);
+      part.lo[r] = normal_floor(layout_, p, tip.contact);
       a += part.q;
       ++r;
     }
@@ -289,9 +316,10 @@ class Blocks {
   int k_;
   std::vector<int> rows_in_use_;
   std::vector<double> f_;
-  std::vector<char> soft_;  // by the problem's rows
+  std::vector<double> softness_;  // by the problem's rows
   std::vector<BlockData> parts_;
   std::size_t of_forces_ = 0;
+  double* slack_columns_ = nullptr;  // k × k
   std::vector<Tip> tips_;
   Arena arena_;
 };

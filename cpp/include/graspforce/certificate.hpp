@@ -35,8 +35,8 @@ inline bool proves_infeasible(const Layout& layout, const Problem& p, const doub
     add(-z_hi[j] * (p.tau_hi[j] - p.tau_bias[j]));
     add(-z_lo[j] * (p.tau_bias[j] - p.tau_lo[j]));
   }
-  for (int i = 0; i < n && layout.ceilings; ++i) add(-z_max[i] * p.engagement[i] * p.c_max[i]);
-  for (int i = 0; i < n && layout.floors; ++i) add(z_min[i] * p.engagement[i] * p.c_min[i]);
+  for (int i = 0; i < n && layout.ceilings; ++i) add(-z_max[i] * normal_ceiling(layout, p, i));
+  for (int i = 0; i < n && layout.floors; ++i) add(z_min[i] * normal_floor(layout, p, i));
   for (int i = 0; i < m && layout.rate_limits; ++i) {
     add(-z_up[i] * (p.c_last[i] + p.dc_max[i]));
     add(-z_down[i] * (p.dc_max[i] - p.c_last[i]));

@@ -12,6 +12,7 @@
 #include "graspforce/floating_point.hpp"
 #include "graspforce/history.hpp"
 #include "graspforce/kernels.hpp"
+#include "graspforce/nearest.hpp"
 #include "graspforce/newton.hpp"
 #include "graspforce/pull.hpp"
 #include "graspforce/rank.hpp"
@@ -27,6 +28,7 @@ class Engine {
         kernels_(layout_),
         fallback_(kernels_.blocks()),
         rank_(layout_),
+        range_(layout_),
         history_(layout_),
         answer_(layout_),
         given_(layout_.internals > 0 ? force_count(layout_) : 0) {}
@@ -57,15 +59,16 @@ class Engine {
     if (start == nullptr && layout_.rate_limits) start = with_internals(problem.c_last);
     // The next tick's numbers are compared with these, not with its last.
     pending_changes_ = kChangedAll;
-    dispatch(problem, settings, kChangedAll, [&](auto& barrier, Budget& budget, unsigned) {
-      double lambda = kInfinity;
-      if (start != nullptr) {
-        answer_.result.start = Start::Given;
-        barrier.set_forces(start);
-        lambda = first_step(barrier, problem);
-      }
-      run(barrier, problem, lambda, settings.tol, budget);
-    });
+    dispatch(problem, settings, kChangedAll,
+             [&](auto& barrier, const Problem& wanted, Budget& budget, unsigned) {
+               double lambda = kInfinity;
+               if (start != nullptr) {
+                 answer_.result.start = Start::Given;
+                 barrier.set_forces(start);
+                 lambda = first_step(barrier, wanted);
+               }
+               run(barrier, wanted, lambda, settings.tol, budget);
+             });
     forces_ = pull_.outward(answer_.c.data());
     return answer_.result;
   }
@@ -80,15 +83,14 @@ class Engine {
     if (layout().pulls && changed & kChangedJacobian) changed |= kChangedRest;
     if (pending_changes_ != 0) changed = pending_changes_;  // by other blocks than the last tick's
     pending_changes_ = 0;
-    dispatch(problem, settings, changed, [&](auto& barrier, Budget& budget, unsigned news) {
-      history_.begin_tick(problem, news);
-      run(barrier, problem, predict(barrier, problem), settings.tol, budget);
-    });
+    dispatch(problem, settings, changed,
+             [&](auto& barrier, const Problem& wanted, Budget& budget, unsigned news) {
+               if (&wanted == &problem) history_.begin_tick(problem, news);
+               run(barrier, wanted, predict(barrier, wanted), settings.tol, budget);
+             });
     // A tick that ran out of budget goes on from where it stopped.
-    const Status status = answer_.result.status;
-    const bool unfinished = status == Status::MaxSteps && answer_.wrench_error < kInfinity;
-    if (status != Status::Solved) history_.clear();
-    if (status == Status::Solved || unfinished) history_.remember(problem, answer_.c);
+    if (!minimal_) history_.clear();
+    if (minimal_ || unfinished_) history_.remember(problem, answer_.c);
     forces_ = pull_.outward(answer_.c.data());
     return answer_.result;
   }
@@ -121,6 +123,7 @@ class Engine {
   template <class Work>
   void dispatch(const Problem& problem, const Settings& settings, unsigned changed, Work work) {
     answer_.result = Result();
+    minimal_ = unfinished_ = false;
     if (layout_.joints == 0 && !layout_.ceilings && layout_.inequalities == 0 &&
         !layout_.rate_limits)
       return answer_.clear(Status::Unbounded);
@@ -130,20 +133,68 @@ class Engine {
       changed = kChangedAll;
     }
     rank_.forget();
-    if (kernels_.empty()) return answer_empty_grasp(layout_, problem, answer_);
+    if (kernels_.empty()) {
+      answer_empty_grasp(layout_, problem, answer_);
+      minimal_ = answer_.result.status == Status::Solved;
+      return;
+    }
     kernels_.dispatch(problem, changed, [&](auto& barrier) {
       if (rank_.deficient()) reduce_rank(barrier, problem);
-      work(barrier, budget, changed);
+      // Once more for the nearest wrench where no forces make f.
+      for (const Problem* wanted = &problem; wanted != nullptr;) {
+        work(barrier, *wanted, budget, changed);
+        wanted = judge(barrier, problem, *wanted);
+      }
     });
     Result& result = answer_.result;
-    if (result.status == Status::Solved && rank_.deficient() &&
-        !rank_.fits(problem, answer_.c.data()))
-      result.status = Status::Stalled;
     // The multiplier of a soft row, (f − W c)/F², may overflow where the forces are fine.
-    if ((result.status != Status::Solved || layout_.soft_wrench) && !answer_.finite())
+    if (result.status != Status::Solved ? !answer_.finite()
+                                        : layout_.soft_wrench && !answer_.multipliers_finite()) {
       answer_.clear(Status::InvalidNumbers);
+      minimal_ = unfinished_ = false;
+    }
     result.newton_steps = budget.steps();
     result.elapsed_us = budget.elapsed_us();
+  }
+
+  // Looks at what has come of work towards a wrench. The problem to go on with; null as a rule.
+  template <class AnyBarrier>
+  GRASPFORCE_INLINE const Problem* judge(AnyBarrier& barrier, const Problem& problem,
+                                         const Problem& wanted) {
+    Status& status = answer_.result.status;
+    if (status == Status::Solved && rank_.deficient() && !rank_.fits(wanted, answer_.c.data()))
+      status = Status::Stalled;
+    minimal_ = status == Status::Solved;
+    unfinished_ = status == Status::MaxSteps && answer_.wrench_error < kInfinity;
+    if (&wanted != &problem) return keep_verdict();
+    return status == Status::WrenchUnreachable ? nearest_in_range(barrier, problem) : nullptr;
+  }
+
+  // The problem with the wrench nearest to f in the range of W, which the barrier is led to.
+  template <class AnyBarrier>
+  GRASPFORCE_APART const Problem* nearest_in_range(AnyBarrier& barrier, const Problem& problem) {
+    nearest_ = problem;
+    nearest_.f = range_.project(problem, rank_.all_exact_rows(), int(rank_.exact_rows().size()));
+    rank_.reach();
+    kernels_.rows(barrier).restrict_rows(nearest_, rank_.rows());
+    return &nearest_;
+  }
+
+  // What has been found for that wrench comes with the verdict on f itself.
+  GRASPFORCE_APART const Problem* keep_verdict() {
+    Result& result = answer_.result;
+    const bool found = result.nearest || minimal_ || unfinished_ ||
+                       result.status == Status::Infeasible || result.status == Status::OnEdge;
+    if (found && answer_.finite()) {
+      result.nearest = result.nearest || minimal_;
+      result.status = Status::WrenchUnreachable;
+      result.decrement = kInfinity;
+      result.violation = 0;
+    } else {
+      answer_.clear(Status::WrenchUnreachable);
+      minimal_ = unfinished_ = false;
+    }
+    return nullptr;
   }
 
   // Reduces W c = f to independent rows where it has others.
@@ -215,10 +266,14 @@ class Engine {
   Kernels kernels_;
   Fallback fallback_;
   RankExamination rank_;
+  RangeProjection range_;
+  Problem nearest_;  // the problem with f in the range of W, where it is not
   History history_;
   Answer answer_;
   std::vector<double> given_;  // a start with zeros for the internal forces
   const double* forces_ = answer_.c.data();
+  bool minimal_ = false;     // the forces of the last solve are a minimum of Phi
+  bool unfinished_ = false;  // they are strictly inside, and the budget ran out on the way
   unsigned pending_changes_ = kChangedAll;  // where nonzero, the next tick's in place of `changed`
 };
 

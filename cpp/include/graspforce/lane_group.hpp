@@ -445,10 +445,15 @@ struct LaneGroup {
     const Lanes own = gather(p.mu, contact);
     mu = has_friction > 0 ? own : splat(1);
     torsion = has_torsion > 0 ? own / gather(p.gamma, contact) : splat(1);
+    // normal_ceiling and normal_floor
     const Lanes share = gather(p.engagement, contact);
-    if (layout.ceilings)
-      ceiling = padding > 0 ? splat(kInfinity) : share * gather(p.c_max, contact);
-    if (layout.floors) floor = padding > 0 ? splat(-kInfinity) : share * gather(p.c_min, contact);
+    Lanes most = layout.ceilings ? gather(p.c_max, contact) : splat(kInfinity);
+    if (layout.floors) {
+      const Lanes least = gather(p.c_min, contact);
+      floor = padding > 0 ? splat(-kInfinity) : share * min(least, (1 - kSqueeze) * most);
+      if (layout.ceilings) most = max(most, (1 + kSqueeze) * least);
+    }
+    if (layout.ceilings) ceiling = padding > 0 ? splat(kInfinity) : share * most;
     for (int i = 0; i < Q && rates(layout); ++i) {
       const Lanes last = gather(p.c_last, component[i]), most = gather(p.dc_max, component[i]);
       rate_lo[i] = mask[i] > 0 ? last - most : splat(-kInfinity);

@@ -4,7 +4,9 @@
 // a whole problem, and a snapshot of it is one copy.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
+#include <limits>
 #include <tuple>
 #include <vector>
 
@@ -23,6 +25,9 @@ inline constexpr double kMostUsed = 0.9;
 
 // Share of the wrenches that add up to f to which W c = f has to hold.
 inline constexpr double kBalanced = 1e-10;
+
+// A normal force whose floor is its ceiling, a set squeeze, keeps to this share of it.
+inline constexpr double kSqueeze = 1e-9;
 
 // Forces this many times as large as what the limits are made for mean that nothing holds them:
 // what stops them there is rounding in the problem's numbers.
@@ -85,13 +90,13 @@ inline std::size_t most_rows(const Layout& layout) {
 // What an answer holds: the contact forces, then the internal ones of the motors.
 inline int force_count(const Layout& layout) { return layout.components() + layout.internals; }
 
-// Unknowns of the general kernels: the forces and, with a soft wrench, the slack of each of its
-// rows.
+// Most unknowns of the general kernels: the forces, and the slack of each row that is soft or is
+// made so to find the nearest wrench.
 inline std::size_t unknowns(const Layout& layout) {
-  return force_count(layout) + (layout.soft_wrench ? layout.wrench_rows : 0);
+  return force_count(layout) + layout.wrench_rows;
 }
 inline std::size_t most_blocks(const Layout& layout) {
-  return layout.contacts() + layout.internals + (layout.soft_wrench ? layout.wrench_rows : 0);
+  return layout.contacts() + layout.internals + layout.wrench_rows;
 }
 
 // Components of the largest block that the contacts may ever form: joints and inequalities can come
@@ -145,6 +150,21 @@ struct Problem : Fields<const double*> {
                      : internal[entry_at(force - m, joint, joints)];
   }
 };
+
+// Between what a contact's normal force has to stay; infinite where there is no such limit. A floor
+// at the ceiling leaves a band about both, by what the cone bears, the contact's pull included.
+inline double normal_ceiling(const Layout& layout, const Problem& p, int contact) {
+  if (!layout.ceilings) return std::numeric_limits<double>::infinity();
+  const double pull = layout.pulls ? p.pull[contact] : 0;
+  const double least = layout.floors ? (1 + kSqueeze) * (p.c_min[contact] + pull) : 0;
+  return p.engagement[contact] * (std::max(p.c_max[contact] + pull, least) - pull);
+}
+inline double normal_floor(const Layout& layout, const Problem& p, int contact) {
+  if (!layout.floors) return -std::numeric_limits<double>::infinity();
+  const double pull = layout.pulls ? p.pull[contact] : 0, least = p.c_min[contact] + pull;
+  const double most = layout.ceilings ? (1 - kSqueeze) * (p.c_max[contact] + pull) : least;
+  return p.engagement[contact] * (std::min(least, most) - pull);
+}
 
 // What Phi is divided by, so that each of its terms is standard self-concordant: the least of their
 // weights, and 1.

@@ -56,11 +56,10 @@ inline Margins find_margins(const Layout& layout, const Problem& p, const double
   for (int i = 0, start = 0; i < layout.contacts(); start += static_cast<int>(layout.models[i++])) {
     if (!p.in_grasp(i)) continue;
     const Cone cone{static_cast<int>(layout.models[i]), p.mu[i], p.mu[i] / p.gamma[i]};
-    const double normal = c[start], share = p.engagement[i];
-    const double preload = layout.pulls ? cone.mu * share * p.pull[i] : 0;
+    const double preload = layout.pulls ? cone.mu * p.engagement[i] * p.pull[i] : 0;
     margins.friction = std::min(margins.friction, cone.margin(c + start) + preload);
-    if (layout.ceilings) margins.limit = std::min(margins.limit, share * p.c_max[i] - normal);
-    if (layout.floors) margins.limit = std::min(margins.limit, normal - share * p.c_min[i]);
+    margins.limit = std::min({margins.limit, normal_ceiling(layout, p, i) - c[start],
+                              c[start] - normal_floor(layout, p, i)});
     for (int j = start; layout.rate_limits && j < start + static_cast<int>(layout.models[i]); ++j)
       margins.limit = std::min(margins.limit, p.dc_max[j] - std::abs(c[j] - p.c_last[j]));
   }

@@ -34,7 +34,8 @@ struct PhaseOneResult {
     Steps,
     Overflow,
   } end = End::Steps;
-  double violation = 0;  // σ
+  double violation = 0;   // σ; below zero inside
+  bool balanced = false;  // the point makes the wrench
 };
 
 class PrimalDual : public BlockPoint {
@@ -95,14 +96,17 @@ class PrimalDual : public BlockPoint {
       }
       keep_best();
 
-      const double bound = dual_bound();
-      if (sigma_ < 0 && balanced() && (sigma_ < 0.5 * bound || sigma_ < -kInteriorDepth)) {
+      const double bound = dual_bound(), gap = complementarity() * degree_;
+      // Where the bound is lost in the rounding of large multipliers the gap still tells.
+      const bool deep =
+          sigma_ < 0.5 * bound || sigma_ < -kInteriorDepth || (sigma_ < -kShallow && gap < -sigma_);
+      if (sigma_ < 0 && deep && balanced()) {
         result.end = PhaseOneResult::End::Inside;
+        result.violation = sigma_;
         return result;
       }
       if (!proved && bound > 0) proved = prove(problem, y, z);
       promising = !proved && bound > 0 && !promising;
-      const double gap = complementarity() * degree_;
       if (gap < kClosest || (proved && std::max(gap, sigma_ - bound) < kLeast * sigma_)) {
         result.end = proved ? PhaseOneResult::End::Infeasible : PhaseOneResult::End::Closest;
         break;
@@ -114,7 +118,47 @@ class PrimalDual : public BlockPoint {
     else
       restore_wrench();
     result.violation = std::max(0.0, violation());
+    result.balanced = balanced();
     return result;
+  }
+
+  // Leads from the point that find_inside reached, with no row exact, to the forces whose wrench is
+  // nearest to f: the slacks s of the softened rows, of which f has the size 1, then cost ½ s², and
+  // the weights, in the given ratio, go down until they no longer count. Of all forces that make
+  // that wrench these are the ones that the weights would choose. False, at the best point inside,
+  // where the budget runs out or rounding stops it.
+  bool approach(double cone_weight, double limit_weight, Budget& budget) {
+    sigma_ = dsigma_ = 0;
+    relaxed_ = false;
+    slack_weight_ = 1;
+    own_cone_weight_ = cone_weight;
+    own_limit_weight_ = limit_weight;
+    settle();
+    auto [least, most] = own_weights();
+    level_ = std::max(slack_cost(), 1.0);
+    for (double* weight : {&own_cone_weight_, &own_limit_weight_, &least}) *weight *= level_ / most;
+    update_slacks();
+    aim_at_center(1);
+    double unbalanced = 1;  // share of what y and z lacked at first of being dual feasible
+    for (;;) {
+      const double gap = degree_ * complementarity();
+      const bool in_ratio = level_ <= least, known = in_ratio && unbalanced < kBalance;
+      if (known && near(gap, kNearest)) return true;
+      if (!budget.take()) return false;
+      best_ = c_;
+      factor();
+      direction(1);
+      const double step = std::min(1.0, 0.99 * step_limit());
+      if (!(step > kLeastStep) || !advance(step)) {
+        c_ = best_;
+        return known && near(gap, kNearly);
+      }
+      unbalanced *= 1 - step;
+      const double descent = step > 0.9 ? kDescent : step > 0.5 ? std::sqrt(kDescent) : 1;
+      for (double* weight : {&own_cone_weight_, &own_limit_weight_, &least})
+        if (in_ratio) *weight *= descent;
+      level_ *= descent;
+    }
   }
 
   // Leads from the point that find_inside reached to the minimum of Phi. It sets out with all
@@ -146,8 +190,10 @@ class PrimalDual : public BlockPoint {
  private:
   static constexpr double kLeastCentering = 1e-3;
   static constexpr double kInteriorDepth = 0.1;  // a relative slack with which Newton starts well
+  static constexpr double kShallow = 1e-11;      // one that is more than rounding
   static constexpr double kLeast = 1e-7;         // relative accuracy of the least violation
   static constexpr double kClosest = 1e-13;
+  static constexpr double kBalance = 1e-12;  // of multipliers dual feasible but for rounding
   static constexpr double kLeastStep = 1e-6;
   static constexpr double kDescent = 0.1;  // of a weight on its way down, after a good step
   static constexpr double kClose = 1e-2;   // squared distance to the target for Newton to take over
@@ -238,6 +284,21 @@ class PrimalDual : public BlockPoint {
              [&](int, const Tip& tip, Lifted& cone) {
                lorentz::center(cone.s, tip.cone.dim, tau * weight(tip), cone.z);
              });
+  }
+
+  // What ends an approach, where the size of f is 1.
+  struct Nearness {
+    double share;     // of the squared distance to f
+    double rounding;  // of the distance
+    double floor;
+  };
+  static constexpr Nearness kNearest{1e-11, 2e-13, 1e-16};
+  static constexpr Nearness kNearly{1e-9, 1e-9, 1e-13};  // where rounding ends it
+
+  // Whether what is left to gain is nothing beside the squared distance to f.
+  bool near(double gap, const Nearness& most) const {
+    const double cost = slack_cost();
+    return gap < std::max({most.share * cost, most.rounding * std::sqrt(cost), most.floor});
   }
 
   // What the soft rows' slacks cost.

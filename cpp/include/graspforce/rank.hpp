@@ -30,18 +30,22 @@ class RankExamination {
         length_(k_),
         used_(k_) {
     exact_.reserve(k_);
+    all_exact_.reserve(k_);
     rows_.reserve(k_);
   }
 
   // An independent set of the exact rows, best conditioned first.
   const std::vector<int>& exact_rows() const { return exact_; }
-  // These, and the soft ones, which are independent of all others by their slacks.
+  // All exact rows, those that depend on others included.
+  const std::vector<int>& all_exact_rows() const { return all_exact_; }
+  // The independent ones, and the soft ones, which are independent of all others by their slacks.
   const std::vector<int>& rows() const { return rows_; }
   bool deficient() const { return deficient_; }  // by the last run; false before the first
   bool overflows() const { return overflows_; }  // whether f is reachable cannot be told
   bool unreachable() const { return known_ && (overflows_ || !reachable_); }
   bool known() const { return known_; }  // there was a run since `forget`
   void forget() { known_ = false; }
+  void reach() { reachable_ = true; }  // f is replaced by one that fits all rows
   void forget_deficiency() { deficient_ = false; }
 
   // Gram-Schmidt with pivoting and reorthogonalisation over the rows of W; contacts out of the
@@ -50,6 +54,9 @@ class RankExamination {
     known_ = true;
     scale_rows(p);
     exact_.clear();
+    all_exact_.clear();
+    for (int r = 0; r < k_; ++r)
+      if (!is_soft(p, r)) all_exact_.push_back(r);
     for (int best = longest_row(); best >= 0; best = longest_row()) {
       used_[best] = true;
       exact_.push_back(best);
@@ -152,7 +159,7 @@ class RankExamination {
   int k_, m_;
   std::vector<double> Q_, f_, size_, length_;
   std::vector<char> used_;
-  std::vector<int> exact_, rows_;
+  std::vector<int> exact_, all_exact_, rows_;
   bool known_ = false, deficient_ = false, reachable_ = true, overflows_ = false;
 };
 

@@ -105,12 +105,13 @@ class Servo : public ProblemData {
     return bool(refusal_);
   }
 
-  // Where rates are limited, forces that were found become the last ones of the next tick.
+  // Where rates are limited, forces that were found become the last ones of the next tick, those
+  // for the nearest wrench too.
   const Result& solve_staged() {
     numbers_.swap();
     ticked_ = true;
     const Result& result = engine_.tick(numbers_.now(), settings, changed_);
-    if (layout().rate_limits && result.status == Status::Solved)
+    if (layout().rate_limits && (result.status == Status::Solved || result.nearest))
       std::copy_n(engine_.forces(), c_last.size(), c_last.begin());
     return result;
   }

@@ -78,8 +78,8 @@ inline Flaw find_flaw(const Layout& layout, const double* packed, bool finite = 
     if (!layout.ceilings && p.engagement[i] != 1)
       return {
           "engagement", 1, i, 0, p.engagement[i], "1 without c_max, the ceiling that it scales"};
-    if (layout.ceilings && layout.floors && !(p.c_min[i] < p.c_max[i]))
-      return {"c_min", 1, i, 0, p.c_min[i], "less than c_max"};
+    if (layout.ceilings && layout.floors && !(p.c_min[i] <= p.c_max[i]))
+      return {"c_min", 1, i, 0, p.c_min[i], "at most c_max"};
   }
   return flaw;
 }

@@ -123,7 +123,7 @@ class ReferenceServo:
         self._past = [*self._past[-1:], np.array(outcome.c)] if outcome.status == 0 else []
         self.c[:], self.nu[:] = outcome.c, outcome.nu
         self.internal_forces[:] = outcome.internal_forces
-        if outcome.status == Status.SOLVED and self._layout.rate_limits:
+        if (outcome.status == Status.SOLVED or outcome.nearest) and self._layout.rate_limits:
             self._layout.views(self.numbers)["c_last"][:] = outcome.c
         return outcome
 

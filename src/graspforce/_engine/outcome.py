@@ -26,12 +26,13 @@ class Status(_Named):
     """What the mathematics found."""
 
     SOLVED = 0  #: strictly inside every limit, W c = f, suboptimality certified
-    INFEASIBLE = 1  #: no force satisfies everything; a certificate proves it
-    WRENCH_UNREACHABLE = 2  #: f is outside the range of W: no contact force makes it
+    INFEASIBLE = 1  #: no force satisfies everything, as a certificate proves; see Solution.c
+    WRENCH_UNREACHABLE = 2  #: f is outside the range of W: no contact force makes it; likewise
     UNBOUNDED = 3  #: nothing limits the grip, so Phi has no minimum
     MAX_STEPS = 4  #: the limit on steps or time came first; the force is the best one known
     STALLED = 5  #: rounding stopped the progress; the force is the best one known
     INVALID_NUMBERS = 6  #: the data overflow in double precision
+    ON_EDGE = 7  #: f is on the edge of what can be held: no force strictly inside makes it
 
 
 class Start(_Named):
@@ -82,6 +83,11 @@ class Outcome(Protocol):
         ...
 
     @property
+    def nearest(self) -> bool:
+        """Whether c, not SOLVED, is inside the limits and makes the wrench nearest to f."""
+        ...
+
+    @property
     def start(self) -> int:
         """Where the steps set out from, a value of :class:`Start`."""
         ...
@@ -126,3 +132,4 @@ class PlainOutcome:
     start: int = Start.COLD
     elapsed_us: float = 0.0
     internal_forces: Array = field(default_factory=lambda: np.zeros(0))
+    nearest: bool = False

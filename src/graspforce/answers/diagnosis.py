@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from graspforce import equations
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import as_tuple, require_instance
 from graspforce.answers.remedies import Remedy, remedies
@@ -57,8 +56,8 @@ class Diagnosis:
         binding: the limits that bind, the heaviest first.
         remedies: for a grasp without an answer the least change of each kind that gives it one;
             for one with an answer what it could spare.
-        missing: of a wrench that the contacts cannot make, the part out of their reach, shape (k,)
-            as a tuple; empty otherwise.
+        missing: what the nearest wrench that the contacts make within the limits lacks, INFEASIBLE
+            or WRENCH_UNREACHABLE, shape (k,) as a tuple; empty otherwise.
     """
 
     solution: Solution
@@ -97,11 +96,19 @@ class Diagnosis:
                     "No contact force holds this load within the limits: they would have to be "
                     f"exceeded by {over} their size. In conflict, by weight: {limits}."
                 )
+                if self.missing:
+                    text += f" The nearest wrench within them lacks {_wrench(self.missing)}."
             case Status.WRENCH_UNREACHABLE:
                 text = (
-                    "These contacts cannot make this wrench, whatever their forces. Out of their "
-                    f"reach is the part {_wrench(self.missing)} of it: add a contact, give one "
+                    "These contacts cannot make this wrench, whatever their forces. The nearest "
+                    f"that they make lacks {_wrench(self.missing)} of it: add a contact, give one "
                     "friction or torsion, or let the row give way with f_soft."
+                )
+            case Status.ON_EDGE:
+                text = (
+                    "This load is on the edge of what the contacts can hold: forces on the "
+                    "boundary of a friction cone or a limit make it, none strictly inside do. A "
+                    "little less load, or a little more of any limit, would do."
                 )
             case Status.UNBOUNDED:
                 text = (
@@ -165,15 +172,18 @@ def diagnose(
         case Status.SOLVED:
             binding, helps = _tight(solution, tips, axes), remedies(solution, tips)
         case Status.WRENCH_UNREACHABLE:
-            W, f = asked.equalities
-            W = W[:, asked.active_forces]
-            left = f - W @ equations.particular_and_nullspace(W, f)[0]
-            left = np.where(np.abs(left) > 1e-9 * np.abs(left).max(), left, 0.0)  # but rounding
-            binding, missing = (), tuple(left.tolist())
+            binding = ()
         case Status.UNBOUNDED:
             binding, helps = (), _bounded(asked)
         case _:
             binding = ()
+    if solution.status is Status.WRENCH_UNREACHABLE or (
+        solution.status is Status.INFEASIBLE and solution.nearest
+    ):
+        scales = asked.wrench_scales()
+        left = solution.missing / scales * asked.exact
+        left = np.where(np.abs(left) > 1e-9 * np.abs(left).max(), left, 0.0)  # but rounding
+        missing = tuple((scales * left).tolist())
     return Diagnosis(solution, binding, helps, missing)
 
 

@@ -99,6 +99,8 @@ def find_edge(
         elif last.status is Status.INFEASIBLE:
             if x > lower:
                 lower, proof = x, last.certificate if affine else None
+        elif last.status is Status.ON_EDGE:
+            lower, proof = max(lower, x), proof if lower > x else None
         elif last.status in (Status.WRENCH_UNREACHABLE, Status.UNBOUNDED) or stalls == 4:
             break
         else:

@@ -27,7 +27,7 @@ def usage(
     """Return how much of each limit is used, 1 for all of it: names and shares.
 
     Args:
-        solution: any with forces; those of an infeasible grasp exceed some limits.
+        solution: any with forces; those for the nearest wrench use some limits up.
         fingers: names of the n contacts.
         joints: names of the n_joints joints.
     """

@@ -23,11 +23,11 @@ from graspforce.solution.columns import Columns, stacked
 
 _NUMBERS = (
     "alpha", "newton_steps", "phi", "suboptimality", "violation", "friction_residual",
-    "torque_residual", "wrench_error",
+    "torque_residual", "wrench_error", "nearest",
 )  # fmt: skip
 _VECTORS = (
-    "c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu", "certificate_y",
-    "certificate_z",
+    "c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu", "missing",
+    "certificate_y", "certificate_z",
 )  # fmt: skip
 
 

@@ -44,6 +44,7 @@ from graspforce.equations import (
     RUNAWAY,
     Barriers,
     Cones,
+    backtrack,
     decrement_after,
     force_size,
     grad_phi_lin,
@@ -54,15 +55,16 @@ from graspforce.equations import (
     particular_and_nullspace,
     phi_lin,
     slacks,
-    strictly_inside,
     torque_limits,
 )
 from graspforce.problem import ForceProblem
-from graspforce.reference.phase_one import find_inside
+from graspforce.reference.nearest import find_nearest, move_inward, project_wrench
+from graspforce.reference.phase_one import PhaseOne, find_inside, well_inside
 
 __all__ = [
     "RUNAWAY",
     "R_mu",
+    "backtrack",
     "ceilings",
     "decrement",
     "decrement_after",
@@ -377,7 +379,7 @@ def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Pl
     inner = problem.restricted()
     W, f = inner.equalities
     if not equations.wrench_reachable(W, f):
-        return _empty_outcome(problem, Status.WRENCH_UNREACHABLE)
+        return _hold_nearest(problem, settings, start)
     if not inner.n and not problem.layout.internals:
         nu = _soft_multipliers(problem, np.zeros(problem.m))
         return replace(_empty_outcome(problem, Status.SOLVED), decrement=0.0, nu=nu)
@@ -385,18 +387,16 @@ def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Pl
     lam = np.zeros(N.shape[1])
     if start is not None:
         lam = N.T @ (start[problem.active_forces] - c_p)
-    steps, inside = 0, bool(strictly_inside(c_p + N @ lam, inner.barriers))
+    steps, inside = 0, well_inside(c_p + N @ lam, inner)
     given = start is not None and inside
     if not inside:
         first = find_inside(inner, N, c_p + N @ lam, settings.max_steps)
-        c, steps = problem.scatter(first.c), first.steps
-        if first.certificate is not None:
-            y, z = first.certificate.y, problem.scatter_multipliers(first.certificate.z)
-            return PlainOutcome(Status.INFEASIBLE, steps, c, y, violation=first.violation, y=y, z=z)
         if not first.inside:
-            status = Status.MAX_STEPS if first.out_of_steps else Status.STALLED
-            return PlainOutcome(status, steps, c, np.zeros(len(problem.f)))
-        lam = N.T @ (first.c - c_p)
+            return _not_inside(problem, inner, first, settings.max_steps)
+        steps, lam = first.steps, N.T @ (first.c - c_p)
+    if inner.squeezed.any():
+        c, (c_p, N) = c_p + N @ lam, particular_and_nullspace(*_set_normals(inner))
+        lam = N.T @ (c - c_p)
     outcome = minimise(inner, c_p, N, lam, settings.tol, settings.max_steps - steps)
     steps += outcome.newton_steps
     if outcome.status == Status.UNBOUNDED:
@@ -407,6 +407,45 @@ def _solve(problem: ForceProblem, settings: Settings, start: Array | None) -> Pl
         newton_steps=steps,
         start=Start.GIVEN if given else Start.COLD,
     )
+
+
+def _not_inside(
+    problem: ForceProblem, inner: ForceProblem, first: PhaseOne, max_steps: int
+) -> PlainOutcome:
+    """Infeasible, on the edge, or undecided: the forces for the nearest wrench with the verdict."""
+    c, steps, nu = first.c, first.steps, np.zeros(len(problem.f))
+    if first.certificate is None and not first.on_edge:
+        status = Status.MAX_STEPS if first.out_of_steps else Status.STALLED
+        return PlainOutcome(status, steps, problem.scatter(c), nu)
+    if first.certificate is None:
+        edge = move_inward(inner, c, max_steps - steps)
+        steps += edge.steps
+        return PlainOutcome(Status.ON_EDGE, steps, problem.scatter(edge.c), nu, nearest=edge.found)
+    nearest = find_nearest(inner, c, max_steps - steps)
+    c, steps = problem.scatter(nearest.c), steps + nearest.steps
+    y, z = first.certificate.y, problem.scatter_multipliers(first.certificate.z)
+    return PlainOutcome(
+        Status.INFEASIBLE, steps, c, y, violation=first.violation, y=y, z=z, nearest=nearest.found
+    )
+
+
+def _hold_nearest(problem: ForceProblem, settings: Settings, start: Array | None) -> PlainOutcome:
+    """Solve for the wrench nearest to f in the range of W, which does not hold f itself."""
+    empty = _empty_outcome(problem, Status.WRENCH_UNREACHABLE)
+    inner = problem.restricted()
+    if not inner.n and not problem.layout.internals:
+        return empty
+    nearest = problem.replace(f=project_wrench(inner))
+    if not equations.wrench_reachable(*nearest.restricted().equalities):
+        return empty  # numbers that are lost to rounding
+    found = _solve(nearest, settings, start)
+    held = found.nearest or found.status == Status.SOLVED
+    if not held and found.status not in (Status.INFEASIBLE, Status.ON_EDGE):
+        return replace(empty, newton_steps=found.newton_steps)
+    return replace(
+        empty, newton_steps=found.newton_steps, c=found.c, nu=found.nu, start=found.start,
+        nearest=held,
+    )  # fmt: skip
 
 
 def minimise(
@@ -454,8 +493,19 @@ def minimise(
         if np.abs(c).max() > runaway:
             status = Status.UNBOUNDED
             break
-    nu = least_squares(problem.equalities[0].T, equations.derivatives(c, barriers)[0])
+    W, _ = _set_normals(problem)
+    nu = least_squares(W.T, equations.derivatives(c, barriers)[0])[: len(problem.f)]
     return PlainOutcome(status, steps, c, nu + _soft_multipliers(problem, c), bound)
+
+
+def _set_normals(problem: ForceProblem) -> tuple[Array, Array]:
+    """W and f of the exact rows, with a row for each normal force that its limits set."""
+    W, f = problem.equalities
+    if not problem.squeezed.any():
+        return W, f
+    normals = np.array(problem.starts[:-1])[problem.squeezed]
+    squeezes = (problem.engagement * problem.c_max)[problem.squeezed]
+    return np.vstack((W, np.eye(W.shape[1])[normals])), np.append(f, squeezes)
 
 
 def _soft_multipliers(problem: ForceProblem, c: Array) -> Array:
@@ -465,16 +515,3 @@ def _soft_multipliers(problem: ForceProblem, c: Array) -> Array:
     if soft.any():
         nu[soft] = (problem.f - problem.W @ c[: problem.m])[soft] / problem.f_soft[soft] ** 2
     return nu
-
-
-def backtrack(
-    lam: Array, d: Array, slope: float, c_p: Array, N: Array, barriers: Barriers
-) -> float:
-    """γ of Eq. (21): halve until the step stays inside and the objective falls (Armijo)."""
-    gamma, before = 1.0, equations.reduced_objective(lam, c_p, N, barriers)
-    while gamma > 1e-16:
-        after = equations.reduced_objective(lam + gamma * d, c_p, N, barriers)
-        if after <= before + 0.1 * gamma * slope:
-            return gamma
-        gamma /= 2
-    return 0.0

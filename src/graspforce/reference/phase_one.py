@@ -31,8 +31,10 @@ from graspforce.problem import ForceProblem
 
 # Relative tolerance of the slack that is reported as the least violation.
 SIGMA_TOLERANCE = 1e-7
-# A slack below this is rounding.
-SIGMA_ROUNDING = 1e-13
+# A slack below this is rounding; where no point well inside is found, one below that the edge's.
+SIGMA_ROUNDING, SIGMA_OF_EDGE = 1e-13, 1e-9
+# Relative slack of a point inside by more than rounding; a set squeeze has ten times that.
+DEPTH = 1e-10
 
 
 class PhaseOne(NamedTuple):
@@ -45,6 +47,7 @@ class PhaseOne(NamedTuple):
         certificate: the proof that no forces are inside; None without one.
         violation: the least relative violation with a certificate, else 0.
         out_of_steps: stopped by the limit on steps.
+        on_edge: forces on the boundary make the wrench, to rounding, and none inside were found.
     """
 
     c: Array
@@ -53,9 +56,12 @@ class PhaseOne(NamedTuple):
     certificate: Certificate | None = None
     violation: float = 0.0
     out_of_steps: bool = False
+    on_edge: bool = False
 
 
-def find_inside(problem: ForceProblem, N: Array, c: Array, max_steps: int) -> PhaseOne:
+def find_inside(
+    problem: ForceProblem, N: Array, c: Array, max_steps: int, depth: float = DEPTH
+) -> PhaseOne:
     """Shrink one slack that relaxes every cone and limit.
 
     Ends as soon as c is strictly inside, or when the multipliers of a Newton step prove that sigma
@@ -66,6 +72,7 @@ def find_inside(problem: ForceProblem, N: Array, c: Array, max_steps: int) -> Ph
         N: null space of W, shape (m, q).
         c: forces with W c = f to start from, shape (m,).
         max_steps: the most Newton steps.
+        depth: the relative slack that counts as inside.
     """
     relaxed = _Relaxed(problem)
     x = np.append(c, 1.2 * relaxed.least_sigma(c) + 0.1)
@@ -73,10 +80,20 @@ def find_inside(problem: ForceProblem, N: Array, c: Array, max_steps: int) -> Ph
     basis[-1, -1] = 1.0
     kappa, certificate = 10.0, None
     terms = len(relaxed.b) + 2 * problem.n
+
+    def stopped(step: int) -> PhaseOne:
+        """By rounding: with a proof if there is one, else on the edge if no further away."""
+        if certificate is not None:
+            return PhaseOne(x[:-1], step, certificate=certificate, violation=float(x[-1]))
+        return PhaseOne(x[:-1], step, on_edge=bool(x[-1] < SIGMA_OF_EDGE))
+
     for step in range(1, max_steps + 1):
         gradient, hessian = relaxed.derivatives(x)
         gradient[-1] += kappa
-        d = basis @ newton_step(basis.T @ gradient, basis.T @ hessian @ basis)
+        try:
+            d = basis @ newton_step(basis.T @ gradient, basis.T @ hessian @ basis)
+        except np.linalg.LinAlgError:
+            return stopped(step)
         lam = math.sqrt(max(0.0, -float(gradient @ d)))
         if lam < 1:
             certificate = relaxed.certificate(x, d) or certificate
@@ -85,17 +102,25 @@ def find_inside(problem: ForceProblem, N: Array, c: Array, max_steps: int) -> Ph
             gamma *= 0.7
         if lam >= 0.25:
             gamma = max(min(gamma, 1 / (1 + lam)), 0.9 * gamma if gamma < 1 else 0.0)
+        if gamma <= 1e-16 and lam >= 0.3:
+            return stopped(step)
         x = x + gamma * d
-        if strictly_inside(x[:-1], relaxed.barriers):
+        if well_inside(x[:-1], problem, depth):
             return PhaseOne(x[:-1], step, inside=True)
         if lam < 0.3:
             sigma = float(x[-1])
             if certificate is not None and terms / kappa < SIGMA_TOLERANCE * sigma:
                 return PhaseOne(x[:-1], step, certificate=certificate, violation=sigma)
             if terms / kappa < SIGMA_ROUNDING:
-                return PhaseOne(x[:-1], step)
+                return stopped(step)
             kappa *= 10
     return PhaseOne(x[:-1], max_steps, out_of_steps=True)
+
+
+def well_inside(c: Array, problem: ForceProblem, depth: float = DEPTH) -> bool:
+    """Tell whether forces are inside every cone and limit by a relative slack of ``depth``."""
+    sigma = relative_violation(c, problem.barriers, problem.violation_scales())
+    return bool(strictly_inside(c, problem.barriers) and sigma < -depth)
 
 
 class _Relaxed:

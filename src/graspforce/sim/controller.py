@@ -101,7 +101,7 @@ class Controller:
         J = self._world.contact_jacobian(contacts)
         bias = self._bias_torques(t, pose, touches, acceleration, contacts, engagement)
         solution = self._distribute(f, W, J, bias, engagement)
-        kept = solution.status is not Status.SOLVED
+        kept = solution.status is not Status.SOLVED and not solution.nearest
         if not kept:
             self._tau = J.T @ (solution.c * np.repeat(~is_removed(engagement), 3)) + bias
         elif self._tau is None:  # no forces ever: what the joints need for themselves

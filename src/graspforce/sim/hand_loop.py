@@ -226,7 +226,7 @@ class HandLoop:
         )
         bias = hand.tau_bias + self._own_torques(acceleration, pose, hand.J)
         solution = self._distribute(f, W, hand, bias)
-        kept = solution.status is not Status.SOLVED
+        kept = solution.status is not Status.SOLVED and not solution.nearest
         if not kept:
             self._c = solution.c
             tau = bias.copy()

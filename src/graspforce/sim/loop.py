@@ -44,7 +44,7 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
     pose = world.pose()
     solutions: list[Solution] = []
     ending, message = Ending.COMPLETED, ""
-    first_failure = ""  # the first tick without forces, often the cause
+    first_failure = ""  # the first tick that was not solved, often the cause
     for tick in range(trial.ticks):
         t = tick / trial.rate
         target = side.target(t)
@@ -53,7 +53,7 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
         solutions.append(command.solution)
         if command.kept and not first_failure:
             first_failure = (
-                f"; tick {tick} was the first without forces: {command.solution.message}"
+                f"; tick {tick} was the first that was not solved: {command.solution.message}"
             )
         side.write(log, tick)
         log.tau[tick], log.kept[tick], log.slip[tick] = command.tau, command.kept, slip

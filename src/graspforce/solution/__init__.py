@@ -20,6 +20,7 @@ from graspforce.certificate import Certificate
 from graspforce.contact import UNIT_TOLERANCE
 from graspforce.errors import GraspForceError, InvalidInputError
 from graspforce.problem import ForceProblem
+from graspforce.solution.missing import in_words
 from graspforce.solution.verification import Verification, verify
 
 # What has every attribute of an Outcome.
@@ -39,7 +40,7 @@ class SolveError(GraspForceError):
 
 
 class InfeasibleGraspError(SolveError):
-    """No contact force gives the wrench within the cones and limits."""
+    """No contact force gives the wrench strictly within the cones and limits."""
 
 
 class NotConvergedError(SolveError):
@@ -78,8 +79,10 @@ class Solution(native.SolutionBase):
     def c(self) -> Array:
         """Contact forces in the contact frames, shape (m,) [N, N·m].
 
-        Strictly inside every limit when SOLVED; the force of least violation when INFEASIBLE;
-        zero when WRENCH_UNREACHABLE or UNBOUNDED.
+        Strictly inside every limit when SOLVED. When INFEASIBLE or WRENCH_UNREACHABLE, see
+        :attr:`nearest`: the force for the wrench nearest to f, inside every limit; else zero, or
+        where the limits exclude each other and no force keeps them all, the one that makes the
+        wrench and violates the limits least. On the edge when ON_EDGE. Zero when UNBOUNDED.
         """
         return self._outcome.c
 
@@ -95,6 +98,23 @@ class Solution(native.SolutionBase):
         Of a soft row, (f − W c)/f_soft².
         """
         return self._outcome.nu
+
+    @property
+    def nearest(self) -> bool:
+        """Whether c, not SOLVED, is the force for the nearest wrench, strictly inside every limit.
+
+        ``W c`` is then as near to f as such forces make it, in units of
+        :meth:`ForceProblem.wrench_scales`, and :attr:`missing` is the least that can be missing.
+        Of all forces that make it c is the one that Phi would choose. False where no force is
+        strictly inside, where ``max_steps`` or ``budget_us`` ended the search (c is then inside,
+        if anything was found there, but its wrench is not the nearest), and with SOLVED.
+        """
+        return self._outcome.nearest
+
+    @property
+    def missing(self) -> Array:
+        """What c lacks of the wrench, f − W c, shape (k,) [N, N·m]."""
+        return self.problem.f - self.problem.W @ self.c
 
     @property
     def newton_steps(self) -> int:
@@ -160,11 +180,17 @@ class Solution(native.SolutionBase):
                 return (
                     "no contact force gives this wrench within the friction cones and limits; "
                     f"the least relative violation is {self.violation:.3g}"
+                    + in_words(self.problem, self.c, self.nearest)
                 )
             case Status.WRENCH_UNREACHABLE:
                 return (
                     "the wrench is outside the range of W: these contacts cannot make it, "
-                    "whatever their forces"
+                    "whatever their forces" + in_words(self.problem, self.c, self.nearest)
+                )
+            case Status.ON_EDGE:
+                return (
+                    "the wrench is on the edge of what these contacts can make: forces on the "
+                    "boundary of a friction cone or a limit make it, none strictly inside do"
                 )
             case Status.UNBOUNDED:
                 return (
@@ -191,10 +217,10 @@ class Solution(native.SolutionBase):
         """Raise unless SOLVED.
 
         Raises:
-            InfeasibleGraspError: INFEASIBLE or WRENCH_UNREACHABLE.
+            InfeasibleGraspError: INFEASIBLE, WRENCH_UNREACHABLE or ON_EDGE.
             NotConvergedError: any other failure.
         """
-        if self.status in (Status.INFEASIBLE, Status.WRENCH_UNREACHABLE):
+        if self.status in (Status.INFEASIBLE, Status.WRENCH_UNREACHABLE, Status.ON_EDGE):
             raise InfeasibleGraspError(self)
         if self.status is not Status.SOLVED:
             raise NotConvergedError(self)
@@ -334,8 +360,11 @@ class Solution(native.SolutionBase):
 
         * SOLVED: c is strictly inside every cone and limit, and W c = f holds to 1e-9 of the
           wrenches that add up to f, but for its soft rows.
-        * INFEASIBLE: the certificate proves it, and limits moved out by ``violation`` admit c.
+        * INFEASIBLE: the certificate proves it, and no larger violation than is stated; c is
+          strictly inside every cone and limit, or limits moved out by ``violation`` admit it.
         * WRENCH_UNREACHABLE: f is out of the range of W by more than 1e-9.
+        * ON_EDGE: limits moved out by 1e-9 admit c, and W c = f holds to 1e-7.
+        * Any of these with ``nearest``: c is strictly inside.
         * UNBOUNDED: the problem has no limits but floors; or there are forces, found here and not
           by the solver, with W c = f, strictly inside every cone and limit, and 1e6 times as
           large as what the limits are made for (the largest bound over the largest entry of its
@@ -370,6 +399,6 @@ class Solution(native.SolutionBase):
         raw = self._outcome
         plain = PlainOutcome(
             raw.status, raw.newton_steps, raw.c, raw.nu, raw.decrement, raw.violation, raw.y, raw.z,
-            raw.start, raw.elapsed_us, raw.internal_forces,
+            raw.start, raw.elapsed_us, raw.internal_forces, raw.nearest,
         )  # fmt: skip
         return (Solution, (plain, self.problem))

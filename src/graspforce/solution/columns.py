@@ -21,7 +21,7 @@ from graspforce._engine.layout import Layout
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.equations import Barriers, Cones
-from graspforce.problem import all_limits, preload, soft_rows, without_pulls
+from graspforce.problem import all_limits, preload, soft_rows, with_bands, without_pulls
 from graspforce.solution import Solution
 
 # Most solutions computed together; bounds the memory for their limits.
@@ -99,6 +99,16 @@ class Columns(Sequence[Solution]):
     def violation(self) -> Array:
         """Least relative violations of the limits where INFEASIBLE, else 0, shape (B,)."""
         return self._column("violation")
+
+    @property
+    def nearest(self) -> NDArray[np.bool_]:
+        """Which c are for the nearest wrench, see :attr:`Solution.nearest`, shape (B,)."""
+        return self._column("nearest")
+
+    @property
+    def missing(self) -> Array:
+        """What c lacks of the wrenches, f − W c, shape (B, k) [N, N·m]."""
+        return self._column("missing")
 
     # ---- what follows from the problems' data -------------------------------------------------
 
@@ -234,7 +244,7 @@ class ProblemRows:
     def barriers(self) -> Barriers:
         """The terms of Eq. (16), of the forces ``loaded``."""
         layout, data = without_pulls(self.layout, self.data)
-        A, b = all_limits(layout, data)
+        A, b = all_limits(layout, with_bands(layout, data))
         soft = soft_rows(data) if layout.soft_wrench else ()
         return Barriers(self.cones, A, b, data["alpha"], *soft)
 
@@ -272,6 +282,10 @@ class ProblemRows:
         """Largest |W c − f|."""
         return equations.wrench_error(self.c, self.data["W"], self.data["f"])
 
+    def missing(self) -> Array:
+        """What c lacks of the wrenches, f − W c."""
+        return self.data["f"] - (self.data["W"] @ self.c[..., None])[..., 0]
+
     def friction_margins(self) -> Array:
         """Margins to slipping."""
         return equations.friction_margins(self.loaded[:, : self.c.shape[1]], self.cones)
@@ -293,5 +307,6 @@ FROM_DATA: dict[str, Callable[[ProblemRows], Array]] = {
     "torque_margins": ProblemRows.torque_margins,
     "torque_residual": ProblemRows.torque_residual,
     "wrench_error": ProblemRows.wrench_error,
+    "missing": ProblemRows.missing,
     "phi": ProblemRows.phi,
 }

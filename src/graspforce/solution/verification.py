@@ -16,14 +16,16 @@ from graspforce import equations
 from graspforce._engine.outcome import Outcome, Status
 from graspforce._util.arrays import Array
 from graspforce.certificate import Certificate
-from graspforce.equations import RUNAWAY, Barriers
+from graspforce.equations import RUNAWAY
 from graspforce.problem import ForceProblem
 from graspforce.reference.phase_one import find_inside
 
 # SOLVED means that W c = f holds to this fraction of the wrenches that add up to f.
 WRENCH_TOLERANCE = 1e-9
-# Relative tolerance of a certified bound.
-BOUND_TOLERANCE = 1e-6
+# ON_EDGE means that limits moved out by this share admit the forces, which make f to that one.
+EDGE, EDGE_TOLERANCE = 1e-9, 1e-7
+# Relative tolerance of a certified bound; and a violation that is none, of empty grasps as well.
+BOUND_TOLERANCE, ROUNDING = 1e-6, 1e-9
 # Most Newton steps of the search for forces that show UNBOUNDED.
 MAX_SEARCH_STEPS = 200
 
@@ -75,16 +77,19 @@ def verify(outcome: Outcome, problem: ForceProblem) -> Verification:
         bounded = decrement <= (1 + BOUND_TOLERANCE) * outcome.decrement + error
         well_formed = (
             np.isfinite(whole).all() and np.isfinite(outcome.nu).all() and not whole[~active].any()
-        )
+        ) and (inside or not outcome.nearest)
         holds = _certificate_holds(outcome, problem)
         match Status(outcome.status):
             case Status.SOLVED:
                 ok = inside and _is_balanced(whole, problem)
             case Status.INFEASIBLE:
-                scales = inner.violation_scales()
-                ok = bool(holds) and _within_violation(c, barriers, scales, outcome.violation)
+                admitted = inside or _within_violation(c, inner, outcome.violation)
+                ok = bool(holds) and admitted and _at_least_proved(outcome, problem)
             case Status.WRENCH_UNREACHABLE:
                 ok = not equations.wrench_reachable(*inner.equalities)
+            case Status.ON_EDGE:
+                error = equations.relative_wrench_error(whole, *problem.equalities)
+                ok = bool(error <= EDGE_TOLERANCE) and _within_violation(c, inner, EDGE)
             case Status.UNBOUNDED:
                 ok = not problem.has_limits or _is_unbounded(inner)
             case Status.MAX_STEPS | Status.STALLED:
@@ -115,10 +120,33 @@ def _certificate_holds(outcome: Outcome, problem: ForceProblem) -> bool | None:
     return Certificate(y, z[problem.counted_limits()]).proves_infeasible(problem)
 
 
-def _within_violation(
-    c: Array, barriers: Barriers, scales: tuple[Array, Array], violation: float
-) -> bool:
-    """Whether cones and limits that are moved out by a relative violation admit the forces."""
+def _at_least_proved(outcome: Outcome, problem: ForceProblem) -> bool:
+    """Whether the violation is no smaller than the certificate proves.
+
+    Limits and cones that are moved out by sigma of their scales let y·f − z·b be at most sigma
+    times what the multipliers make of the scales.
+    """
+    y, z = outcome.y, outcome.z
+    if y is None or z is None:
+        return False
+    certificate = Certificate(y, z[problem.counted_limits()])
+    A, _ = problem.linear_limits()
+    e = A.T @ certificate.z - problem.equalities[0].T @ y
+    of_rows, of_cones = problem.violation_scales()
+    normals = (e[problem.starts[:-1]] * of_cones / problem.mu)[problem.active]
+    bound = certificate.excess(problem) / (certificate.z @ of_rows + normals.sum())
+    return bool(outcome.violation >= (1 - BOUND_TOLERANCE) * bound - ROUNDING)
+
+
+def _within_violation(c: Array, problem: ForceProblem, violation: float) -> bool:
+    """Whether cones and limits that are moved out by a relative violation admit the forces.
+
+    Args:
+        c: the forces.
+        problem: every contact in the grasp.
+        violation: how far.
+    """
+    barriers, scales = problem.barriers, problem.violation_scales()
     A, b = np.abs(barriers.A), np.abs(barriers.b)
     rounding = 64 * np.finfo(float).eps * ((A @ np.abs(c) + b) / scales[0]).max(initial=0.0)
     found = equations.relative_violation(c, barriers, scales)

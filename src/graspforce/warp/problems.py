@@ -119,7 +119,7 @@ class Problems:
         tau_hi: upper torque limits, likewise.
         tau_bias: torques that the fingers need for themselves, likewise; default 0.
         c_max: ceilings of the normal forces, shape (B, n) [N].
-        c_min: floors of the normal forces, likewise.
+        c_min: floors of the normal forces, likewise; below c_max.
         engagement: shares of c_max and c_min, shape (B, n), 0…1; a contact at 1e-6 or below is out
             of the grasp; default 1.
         alpha: weights of the linear limits, shape (B,); default 5.

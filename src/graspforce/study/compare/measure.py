@@ -96,7 +96,7 @@ class Measured:
         return self.step_flops * float(counts.mean())
 
 
-_NO_ANSWER = (Status.INFEASIBLE, Status.WRENCH_UNREACHABLE)
+_NO_ANSWER = (Status.INFEASIBLE, Status.WRENCH_UNREACHABLE, Status.ON_EDGE)
 _VERDICTS = (Status.SOLVED, Status.UNBOUNDED, *_NO_ANSWER)
 
 
