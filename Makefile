@@ -4,7 +4,7 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: reproduce test docs matrix matrix-short lint bench instructions campaign decrements fuzz soak portable clean
+.PHONY: reproduce test docs picture matrix matrix-short lint wheels bench instructions campaign decrements fuzz soak portable clean
 CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp' -o -name '*.[ch]')
 
 reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
@@ -17,6 +17,9 @@ docs: $(VENV)/dev.installed  ## the site, into build/site, without a network
 	$(VENV)/bin/codespell *.md docs examples/gallery
 	$(VENV)/bin/sphinx-build --quiet -a -W --keep-going -j auto -d build/doctrees docs build/site
 	$(VENV)/bin/python -m pytest -q -p no:cacheprovider tests/built_site.py
+
+picture: $(VENV)/dev.installed  ## the README's moving picture, docs/images/regrasp.webp
+	$(VENV)/bin/python docs/figures/film.py
 
 matrix: $(VENV)/dev.installed  ## the tests under other processors, versions and habits, about an hour
 	$(VENV)/bin/python tests/matrix.py
@@ -32,6 +35,9 @@ lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order,
 	$(VENV)/bin/clang-format --dry-run --Werror $(CPP)
 	$(VENV)/bin/python -m nanobind.stubgen -q -m graspforce._core -O build
 	diff src/graspforce/_core.pyi build/_core.pyi
+
+wheels: $(VENV)/dev.installed  ## for this machine's Pythons on old Linux, into dist/, and proof that they run
+	$(VENV)/bin/python tests/wheels.py
 
 bench: $(VENV)/test.installed  ## time this machine
 	$(VENV)/bin/python -m graspforce bench

@@ -29,8 +29,10 @@ FIRST_FOR = {
     "urdf": "do/urdf",
     "infeasible": "do/infeasible",
     "alpha": "do/alpha",
-    "batch": "gpu",
+    "batch": "batch",
     "gradient": "do/gradients",
+    "learning": "do/learn",
+    "position control": "do/position",
     "slip": "understand/problem",
     "regrasp": "do/regrasp",
     "real time": "do/loop",
@@ -113,6 +115,7 @@ def test_every_public_name_is_documented():
         module = importlib.import_module(getattr(gf, name).__name__)
         wanted += [module.__name__] + [f"{module.__name__}.{each}" for each in public(module)]
     wanted += [f"graspforce.baselines.{name}.solve" for name in gf.baselines.METHODS]
+    wanted += ["graspforce.torch.solve", "graspforce.jax.solve"]  # whose packages are not here
     missing = sorted(set(wanted) - known)
     assert not missing
 

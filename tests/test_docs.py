@@ -14,7 +14,7 @@ GALLERY = sorted((ROOT / "examples" / "gallery").glob("*.py"))
 CUBE = """<body name="cube" pos="0 0 .1"><freejoint/>
   <geom type="box" size=".0375 .0375 .0375" mass=".25"/></body>"""
 # What a page's snippets need besides NumPy.
-NEEDS = ("mujoco", "pinocchio", "warp", "clarabel", "pyarrow")
+NEEDS = ("mujoco", "pinocchio", "warp", "clarabel", "pyarrow", "torch", "jax")
 # These are run where their subject is tested, since their results are looked at further.
 ELSEWHERE = ("README.md", "answers.md", "hands.md", "legs.md", "gpu.md", "simulation.md")
 SNIPPETS = [page for page in PAGES if blocks(page, "python") and page.name not in ELSEWHERE]

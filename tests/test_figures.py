@@ -278,6 +278,13 @@ def test_the_picture_is_drawn():
     assert plot.render(figure, "png").startswith(b"\x89PNG")
 
 
+def test_the_picture_of_a_finger_out_of_the_grasp_has_no_arrow_of_it():
+    shown = figures.grasp_picture.data(scenarios.regrasp(), t=1.0)
+    assert not shown.forces[0].any()
+    figure = figures.grasp_picture.draw(shown)
+    assert len(figure.axes[0].texts) == 3
+
+
 def test_the_picture_refuses_contacts_whose_cone_it_does_not_draw():
     scenario = scenarios.static()
     contacts = scenario.cube.side_contacts(SFC(0.5, 0.01))

@@ -1,6 +1,7 @@
 // The compiled module graspforce._core: translation between Python and the core, nothing else.
 // It is built once for each instruction set, under the name GRASPFORCE_MODULE.
 #include "batch.hpp"
+#include "instruction_sets.hpp"
 #include "kkt.hpp"
 #include "servo.hpp"
 #include "solve.hpp"

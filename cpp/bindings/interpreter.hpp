@@ -45,20 +45,6 @@ inline Layout make_layout(nb::handle tuple) {
 
 inline std::size_t packed_size(const Layout& layout) { return Offsets(layout).size; }
 
-// The instruction sets beyond the baseline that the core is also built for, as far as this
-// processor has them; the best comes last.
-inline std::vector<const char*> instruction_sets() {
-  std::vector<const char*> sets;
-#if defined(__x86_64__)
-  const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-  if (avx2) sets.push_back("avx2");
-  if (avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
-      __builtin_cpu_supports("avx512dq"))
-    sets.push_back("avx512");
-#endif
-  return sets;
-}
-
 // A read-only array that keeps its outcome alive.
 inline NumpyVector view(nb::handle owner, const double* data, std::size_t size) {
   return NumpyVector(data, {size}, owner);

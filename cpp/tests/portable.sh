@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds and runs the core's tests with the compilers that are installed: GCC and Clang for baseline
-# x86-64 and for AVX2, GCC for Arm under qemu. Arguments: compiler flags.
+# x86-64 and for AVX2, GCC without its vectors, and for Arm under qemu. Arguments: compiler flags.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 folder=$(mktemp -d)
@@ -26,4 +26,5 @@ for compiler in g++ clang++; do
     try "$compiler, $(uname -m)" "$compiler" ""
   fi
 done
+try "g++, plain lanes" "g++ -DGRASPFORCE_PLAIN_LANES" ""
 try "g++, 64-bit Arm" "aarch64-linux-gnu-g++ -static" qemu-aarch64

@@ -153,7 +153,7 @@ class BatchLanes {
   // Calls work(lane) for lanes in turn.
   template <class Work>
   static void each(Bits lanes, Work work) {
-    for (; lanes != 0; lanes &= lanes - 1) work(__builtin_ctz(lanes));
+    for (; lanes != 0; lanes &= lanes - 1) work(lowest(lanes));
   }
 
   // ---- the problems in the lanes -------------------------------------------------------------
@@ -418,7 +418,7 @@ class BatchLanes {
     const Bits open = stepped_ & inside_ & bits_of((bound_ < kInfinity) & ~certified());
     if (open != 0) {
       const V closer = decrement_bound(mask_of<V>(open));
-      bound_ = mask_of<V>(open) ? min(bound_, closer) : bound_;
+      bound_ = select(mask_of<V>(open), min(bound_, closer), bound_);
       const Bits closed = open & bits_of(certified());
       if (closed != 0) end(closed & bits_of(find_balanced()), inside_, writer, hand_back);
     }
@@ -450,12 +450,13 @@ class BatchLanes {
   // c ← c + t d in some lanes; in the others d may be anything.
   void advance(Mask which, V t) {
     for (Group& group : groups_)
-      for (int i = 0; i < Q; ++i) group.c[i] = which ? group.c[i] + t * group.d[i] : group.c[i];
+      for (int i = 0; i < Q; ++i)
+        group.c[i] = select(which, group.c[i] + t * group.d[i], group.c[i]);
   }
 
   // Takes back what of a step overshoots the minimum along it.
   void shorten() {
-    const V safe = balanced_ ? 1 / (1 + lambda_) : taken_;
+    const V safe = select(balanced_, 1 / (1 + lambda_), taken_);
     for (;;) {
       Bits over = stepped_ & inside_ & bits_of(taken_ > safe);
       if (over == 0) return;
@@ -467,8 +468,8 @@ class BatchLanes {
       const Mask which = mask_of<V>(over);
       const V shorter = max(safe, taken_ / 2);
       advance(which, shorter - taken_);
-      taken_ = which ? shorter : taken_;
-      bound_ = which ? splat<V>(kInfinity) : bound_;
+      taken_ = select(which, shorter, taken_);
+      bound_ = select(which, splat<V>(kInfinity), bound_);
       evaluate();
     }
   }
@@ -484,7 +485,7 @@ class BatchLanes {
       V left[Q];
       squared += groups_[i].residual(nu, left, saved_[i].L, saved_[i].inverse);
     }
-    for (int r = 0; r < kWrench; ++r) nu_[r] = which ? nu[r] : nu_[r];
+    for (int r = 0; r < kWrench; ++r) nu_[r] = select(which, nu[r], nu_[r]);
     return sqrt(squared) / (1 - lambda_);
   }
 
@@ -505,11 +506,11 @@ class BatchLanes {
     if (bits_of(is_long) != 0) {
       V worst = {};
       for (const Group& group : groups_) worst = max(worst, group.inverse_limit(layout_));
-      taken_ = is_long & (worst > 0.9) ? 0.9 / worst : taken_;
+      taken_ = select(is_long & (worst > 0.9), 0.9 / worst, taken_);
     }
     advance(mask_of<V>(moving), taken_);
     const V ratio = lambda_ / (1 - lambda_);
-    bound_ = (taken_ == 1) & (lambda_ < 1) ? ratio * ratio : splat<V>(kInfinity);
+    bound_ = select((taken_ == 1) & (lambda_ < 1), ratio * ratio, splat<V>(kInfinity));
   }
 
   // The steps d, their decrements and multipliers; near a minimum for the change of the last
@@ -517,7 +518,7 @@ class BatchLanes {
   void newton() {
     const Mask near = mask_of<V>(stepped_) & (bound_ < 1);
     V last_nu[kWrench];
-    for (int r = 0; r < kWrench; ++r) last_nu[r] = near ? nu_[r] : V{};
+    for (int r = 0; r < kWrench; ++r) last_nu[r] = select(near, nu_[r], V{});
     SumsOf<V> total;
     for (int r = 0; r < kWrench; ++r) total.rhs()[r] = f_[r];
     bool first = true;

@@ -331,10 +331,10 @@ struct LaneGroup {
     const V qc = (height - radius) * (height + radius), discriminant = qb * qb - qa * qc;
     const V root = sqrt(max(discriminant, V{}));
     // For b > 0 the difference root − b is written without its cancellation.
-    const V inverse_step = qb < 0 ? (root - qb) / qc : -qa / (root + qb);
-    worst = max(worst, inverse_step == inverse_step ? inverse_step : V{});  // 0/0: d is zero
+    const V inverse_step = select(qb < 0, (root - qb) / qc, -qa / (root + qb));
+    worst = max(worst, select(inverse_step == inverse_step, inverse_step, V{}));  // 0/0: d is zero
     auto limit = [&worst](V above, V below, V change) {
-      worst = max(worst, abs(change) / (change > 0 ? above : below));
+      worst = max(worst, abs(change) / select(change > 0, above, below));
     };
     limit(ceiling - c[0], c[0] - floor, d[0]);
     for (const Row& row : rows) {
@@ -433,31 +433,31 @@ struct LaneGroup {
     for (int r = 0; r < two_sided; ++r) {
       Row& row = rows[r];
       const Lanes there = row.mask[0], bias = gather(p.tau_bias, row.source);
-      row.lo = there > 0 ? gather(p.tau_lo, row.source) - bias : splat(-1);
-      row.hi = there > 0 ? gather(p.tau_hi, row.source) - bias : splat(1);
+      row.lo = select(there > 0, gather(p.tau_lo, row.source) - bias, splat(-1));
+      row.hi = select(there > 0, gather(p.tau_hi, row.source) - bias, splat(1));
     }
     for (int r = two_sided; r < rows.size(); ++r) {
       Row& row = rows[r];
       load_row(row, p.A);
       row.lo = splat(-kInfinity);
-      row.hi = row.mask[0] > 0 ? gather(p.b, row.source) : splat(1);
+      row.hi = select(row.mask[0] > 0, gather(p.b, row.source), splat(1));
     }
     const Lanes own = gather(p.mu, contact);
-    mu = has_friction > 0 ? own : splat(1);
-    torsion = has_torsion > 0 ? own / gather(p.gamma, contact) : splat(1);
+    mu = select(has_friction > 0, own, splat(1));
+    torsion = select(has_torsion > 0, own / gather(p.gamma, contact), splat(1));
     // normal_ceiling and normal_floor
     const Lanes share = gather(p.engagement, contact);
     Lanes most = layout.ceilings ? gather(p.c_max, contact) : splat(kInfinity);
     if (layout.floors) {
       const Lanes least = gather(p.c_min, contact);
-      floor = padding > 0 ? splat(-kInfinity) : share * min(least, (1 - kSqueeze) * most);
+      floor = select(padding > 0, splat(-kInfinity), share * min(least, (1 - kSqueeze) * most));
       if (layout.ceilings) most = max(most, (1 + kSqueeze) * least);
     }
-    if (layout.ceilings) ceiling = padding > 0 ? splat(kInfinity) : share * most;
+    if (layout.ceilings) ceiling = select(padding > 0, splat(kInfinity), share * most);
     for (int i = 0; i < Q && rates(layout); ++i) {
       const Lanes last = gather(p.c_last, component[i]), most = gather(p.dc_max, component[i]);
-      rate_lo[i] = mask[i] > 0 ? last - most : splat(-kInfinity);
-      rate_hi[i] = mask[i] > 0 ? last + most : splat(kInfinity);
+      rate_lo[i] = select(mask[i] > 0, last - most, splat(-kInfinity));
+      rate_hi[i] = select(mask[i] > 0, last + most, splat(kInfinity));
     }
   }
 
@@ -466,10 +466,10 @@ struct LaneGroup {
     V used = splat<V>(kMostUsed);
     for (const Row& row : rows) {
       const V t = row.a[0] * normal, up = t / row.hi, down = t / row.lo;
-      used = max(used, t > 0 ? (row.hi > 0 ? up : used) : (row.lo < 0 ? down : used));
+      used = max(used, select(t > 0, select(row.hi > 0, up, used), select(row.lo < 0, down, used)));
     }
-    if (rates(layout)) used = rate_hi[0] > 0 ? max(used, normal / rate_hi[0]) : used;
-    c[0] = padding > 0 ? splat<V>(1) : normal * (kMostUsed / used);
+    if (rates(layout)) used = select(rate_hi[0] > 0, max(used, normal / rate_hi[0]), used);
+    c[0] = select(padding > 0, splat<V>(1), normal * (kMostUsed / used));
     for (int i = 1; i < Q; ++i) c[i] = V{};
   }
 
@@ -487,14 +487,14 @@ struct LaneGroup {
 
   // The size of force that the limits are made for, by the largest of them.
   V size(const Layout& layout) const {
-    V most = ceiling < kInfinity ? ceiling : V{};
+    V most = select(ceiling < kInfinity, ceiling, V{});
     for (int i = 0; i < Q && rates(layout); ++i)
-      most = mask[i] > 0 ? max(most, max(abs(rate_lo[i]), abs(rate_hi[i]))) : most;
+      most = select(mask[i] > 0, max(most, max(abs(rate_lo[i]), abs(rate_hi[i]))), most);
     for (const Row& row : rows) {
-      const V low = row.lo > -kInfinity ? abs(row.lo) : V{};
+      const V low = select(row.lo > -kInfinity, abs(row.lo), V{});
       V largest = abs(row.a[0]);
       for (int i = 1; i < Q; ++i) largest = max(largest, abs(row.a[i]));
-      most = max(most, largest > 0 ? max(abs(row.hi), low) / largest : V{});
+      most = max(most, select(largest > 0, max(abs(row.hi), low) / largest, V{}));
     }
     return most;
   }
@@ -504,7 +504,7 @@ struct LaneGroup {
     V least = ceiling;
     for (const Row& row : rows) {
       const V moment_arm = abs(row.a[0]), range = row.hi - row.lo;
-      least = moment_arm > 0 ? min(least, range / moment_arm) : least;
+      least = select(moment_arm > 0, min(least, range / moment_arm), least);
     }
     return least;
   }

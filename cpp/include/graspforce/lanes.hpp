@@ -1,37 +1,75 @@
 // Doubles side by side: the vector types of the fast kernels, in GCC's and Clang's portable vector
-// extension. The compiler makes AVX, SSE2 or NEON of it, whatever it is built for.
+// extension. The compiler makes AVX, SSE2 or NEON of it, whatever it is built for. For compilers
+// without it, such as MSVC, and with GRASPFORCE_PLAIN_LANES, plain structs take their place; no
+// other file needs to know.
 #pragma once
 
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 
-#if defined(__AVX__)
+#if !defined(GRASPFORCE_PLAIN_LANES) && !defined(__GNUC__) && !defined(__clang__)
+#define GRASPFORCE_PLAIN_LANES
+#endif
+
+#if defined(GRASPFORCE_PLAIN_LANES)
+#include "graspforce/plain_lanes.hpp"
+#elif defined(__AVX__)
 #include <immintrin.h>
 #endif
 
 // The kernels' loops have small constant bounds; unrolled, their arrays become registers.
 #if defined(__clang__)
 #define GRASPFORCE_UNROLL _Pragma("unroll")
-#else
+#elif defined(__GNUC__)
 #define GRASPFORCE_UNROLL _Pragma("GCC unroll 8")
+#else
+#define GRASPFORCE_UNROLL
 #endif
 
-// The kernels of a tick become one piece of code, so that what they hand on stays in registers.
+// The kernels of a tick become one piece of code, so that what they hand on stays in registers;
+// code that most ticks do not run stands apart.
+#if defined(__GNUC__) || defined(__clang__)
 #define GRASPFORCE_INLINE __attribute__((always_inline)) inline
-// For code that most ticks do not run.
 #define GRASPFORCE_APART __attribute__((noinline))
+#else
+#define GRASPFORCE_INLINE __forceinline
+#define GRASPFORCE_APART __declspec(noinline)
+#endif
 
 namespace graspforce {
 
 inline constexpr int kLanes = 4;
+#if defined(GRASPFORCE_PLAIN_LANES)
+using Lanes = PlainLanes<double, kLanes>;
+using WideLanes = PlainLanes<double, 2 * kLanes>;
+using BitLanes = PlainLanes<std::uint64_t, kLanes>;
+#else
 typedef double Lanes __attribute__((vector_size(kLanes * sizeof(double))));
-
 // Eight of them, for problems side by side where a register holds as many.
 typedef double WideLanes __attribute__((vector_size(2 * kLanes * sizeof(double))));
+// The bits of four doubles.
+typedef std::uint64_t BitLanes __attribute__((vector_size(kLanes * sizeof(std::uint64_t))));
+#endif
 
 template <class V = Lanes>
 inline constexpr int kLanesOf = int(sizeof(V) / sizeof(double));
+
+// What comparing vectors gives: in each lane all bits set, or none.
+template <class V>
+using MaskOf = decltype(V{} < V{});
+
+// Lane by lane a where the mask is set, else b; both are computed.
+template <class V>
+GRASPFORCE_INLINE V select(MaskOf<V> mask, V a, V b) {
+#if defined(GRASPFORCE_PLAIN_LANES)
+  for (int i = 0; i < kLanesOf<V>; ++i) a[i] = mask[i] ? a[i] : b[i];
+  return a;
+#else
+  return mask ? a : b;
+#endif
+}
 
 template <class V = Lanes>
 GRASPFORCE_INLINE V splat(double x) {
@@ -39,15 +77,15 @@ GRASPFORCE_INLINE V splat(double x) {
 }
 template <class V>
 GRASPFORCE_INLINE V min(V a, V b) {
-  return a < b ? a : b;
+  return select(a < b, a, b);
 }
 template <class V>
 GRASPFORCE_INLINE V max(V a, V b) {
-  return a > b ? a : b;
+  return select(a > b, a, b);
 }
 template <class V>
 GRASPFORCE_INLINE V abs(V a) {
-  return a < 0 ? -a : a;
+  return select(a < 0, -a, a);
 }
 template <class V>
 GRASPFORCE_INLINE V sqrt(V a) {
@@ -55,23 +93,30 @@ GRASPFORCE_INLINE V sqrt(V a) {
   return a;
 }
 
-// What comparing vectors gives: in each lane all bits set, or none.
-template <class V>
-using MaskOf = decltype(V{} < V{});
-
 // A bit for each lane of a mask, the first the lowest. Written out, the loop costs the compiler's
 // code an extraction a lane.
 template <class Mask>
 GRASPFORCE_INLINE unsigned bits_of(Mask mask) {
-#if defined(__AVX512DQ__)
+#if defined(__AVX512DQ__) && !defined(GRASPFORCE_PLAIN_LANES)
   if constexpr (sizeof(Mask) == 64) return _mm512_movepi64_mask((__m512i)mask);
 #endif
-#if defined(__AVX__)
+#if defined(__AVX__) && !defined(GRASPFORCE_PLAIN_LANES)
   if constexpr (sizeof(Mask) == 32) return unsigned(_mm256_movemask_pd((__m256d)mask));
 #endif
   unsigned bits = 0;
   for (std::size_t i = 0; i < sizeof mask / sizeof mask[0]; ++i) bits |= unsigned(mask[i] & 1) << i;
   return bits;
+}
+
+// The place of the lowest bit that is set; there is one.
+inline int lowest(unsigned bits) {
+#if defined(__GNUC__) || defined(__clang__)
+  return __builtin_ctz(bits);
+#else
+  int place = 0;
+  while ((bits >> place & 1u) == 0) ++place;
+  return place;
+#endif
 }
 
 // The mask of some lanes.
@@ -101,7 +146,10 @@ inline double greatest(Lanes a) {
 // Four of the eight doubles of a and b, by their places: 0…3 in a, 4…7 in b.
 template <int i, int j, int k, int l>
 inline Lanes shuffle(Lanes a, Lanes b) {
-#if defined(__clang__)
+#if defined(GRASPFORCE_PLAIN_LANES)
+  const double both[] = {a[0], a[1], a[2], a[3], b[0], b[1], b[2], b[3]};
+  return Lanes{both[i], both[j], both[k], both[l]};
+#elif defined(__clang__)
   return __builtin_shufflevector(a, b, i, j, k, l);
 #else
   typedef long long Index __attribute__((vector_size(kLanes * sizeof(long long))));

@@ -12,6 +12,7 @@
 #include <numeric>
 #include <vector>
 
+#include "graspforce/lanes.hpp"
 #include "graspforce/layout.hpp"
 #include "graspforce/span.hpp"
 
@@ -74,15 +75,14 @@ class Pattern {
 
   // Whether all entries outside are zero.
   bool holds(const double* entries) const {
-    typedef std::uint64_t Bits __attribute__((vector_size(32)));
     constexpr std::uint64_t kMagnitude = ~std::uint64_t{0} >> 1;  // all bits but the sign
-    Bits found_in[kAtOnce] = {}, bits;
+    BitLanes found_in[kAtOnce] = {}, bits;
     for (auto at = fours_.begin(); at != fours_.end(); at += kAtOnce)
       for (int i = 0; i < kAtOnce; ++i) {
         std::memcpy(&bits, entries + at[i], sizeof bits);
         found_in[i] |= bits;
       }
-    const Bits every = (found_in[0] | found_in[1]) | (found_in[2] | found_in[3]);
+    const BitLanes every = (found_in[0] | found_in[1]) | (found_in[2] | found_in[3]);
     std::uint64_t found = every[0] | every[1] | every[2] | every[3], one;
     for (int at : ones_) {
       std::memcpy(&one, entries + at, sizeof one);

@@ -161,6 +161,8 @@ def _facets(shown: Data) -> _Facets:
         cone = (0.0, _CONE * float(shown.mu[finger]))
         facets.tube((contact, outside), cone, colour, 0.16, pieces=3)
         force = shown.forces[finger]
+        if not force.any():
+            continue  # the finger is out of the grasp
         arrow = _SCALE * force
         neck = contact - 0.014 * force / np.linalg.norm(force)
         facets.tube((contact - arrow, neck), (0.0016, 0.0016), colour)
@@ -187,6 +189,8 @@ def draw(shown: Data) -> Figure:
     )
     for finger, colour in enumerate(plot.FINGERS):
         size = float(np.linalg.norm(shown.forces[finger]))
+        if size == 0:
+            continue
         tail = shown.points[finger] - (_SCALE + 0.016 / size) * shown.forces[finger]
         axes.text(
             *tail, f"{size:.1f} N", color=colour, weight="bold", ha="center", va="center",
