@@ -618,10 +618,10 @@ def numbers_and_vectors(results):
     for i, solution in enumerate(columns):
         names = [
             "phi", "suboptimality", "violation", "friction_residual", "torque_residual",
-            "wrench_error", "newton_steps",
+            "wrench_error", "newton_steps", "nearest",
         ]  # fmt: skip
         numbers = {name: columns.rows(name)[i] for name in names}
-        names = ["c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu"]
+        names = ["c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu", "missing"]
         vectors = {name: columns.rows(name)[i] for name in names}
         proof = solution.certificate
         vectors["certificate_y"] = proof.y if proof else np.empty(0)

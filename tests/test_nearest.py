@@ -298,8 +298,8 @@ def test_a_squeeze_ramps_in_a_servo():
 def test_a_squeeze_counts_what_a_contact_pulls_with():
     """The band is by what the cone bears: n + pull."""
     up = gf.Contact([0, 0, 0], [0, 0, -1], gf.PCWF(0.5, pull=6))
-    side = gf.Contact([0, 0, 0.1], [0, 0, 1], gf.PCWF(0.5))
-    problem = gf.Grasp([up, side]).problem([0.2, 0, 0, 0, 0, 0], c_max=[2, 9], c_min=[2, 0])
+    down = gf.Contact([0, 0, -0.1], [0, 0, 1], gf.PCWF(0.5))
+    problem = gf.Grasp([up, down]).problem([0.2, 0, 0, 0, 0, 0], c_max=[2, 9], c_min=[2, 0])
     problem = problem.replace(W=problem.W[:3], f=problem.f[:3])
     for backend in BACKENDS:
         found = gf.solve(problem, gf.Settings(backend=backend))

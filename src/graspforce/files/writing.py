@@ -64,6 +64,7 @@ class _Table:
             name: columns.field(name) if name == "alpha" else getattr(columns, name)
             for name in _NUMBERS
         }
+        self.numbers["nearest"] = self.numbers["nearest"].astype(np.int64)
         self.vectors: dict[str, list[Array]] = {
             name: columns.rows(name) for name in _VECTORS if not name.startswith("certificate")
         }
