@@ -23,12 +23,13 @@ from saving import show, writable
 
 from graspforce import sim
 from graspforce.baselines import lp
+from graspforce.problem import ForceProblem
 from graspforce.sim import loop as running
 from graspforce.sim.hand_loop import HandCommand, HandLoop
 
 MOTIONS = dict.fromkeys(sim.HANDS, ((0.0, 0.0, 0.02), 20.0)) | {"shadow": ((0, 0, -0.02), 0.0)}
-STUDIED = ("allegro", "panda", "palm")
-KINDS = ("none", "push", "payload", "friction", "delay")
+STUDIED = ("panda", "palm")
+KINDS = ("none", "push", "payload", "friction")
 
 
 class ConstantSqueeze(HandLoop):
@@ -67,8 +68,11 @@ class FourFacets(HandLoop):
     """The least largest normal force in pyramids."""
 
     def _distribute(self, f, W, hand, bias):
-        ours = super()._distribute(f, W, hand, bias)
-        exact = ours.problem.replace(f_soft=0.0)
+        ours = super()._distribute(f, W, hand, bias).problem
+        fields = ("J", "tau_lo", "tau_hi", "tau_bias", "c_max", "engagement")
+        exact = ForceProblem(
+            ours.W, ours.f, ours.models, **{name: getattr(ours, name) for name in fields}
+        )
         return lp.solve(exact, facets=4, objective="normal")
 
 
@@ -139,7 +143,7 @@ def against() -> Table:
     for name in STUDIED:
         model = sim.hand_model(name)
         for kind in KINDS:
-            (trial,) = sim.own(model, "object", move=(0, 0, 0.02), duration=1.0, disturbance=kind)
+            (trial,) = sim.own(model, "object", move=(0, 0, 0.02), duration=0.8, disturbance=kind)
             table.add_row(name, kind, *(cell(run(trial, way)) for way in WAYS.values()))
     return table
 
@@ -175,11 +179,18 @@ def paced() -> Table:
     return table
 
 
+TABLES = {"holding": holding, "against": against, "paced": paced}
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--table", choices=TABLES, help="one of the tables; else all")
     parser.add_argument("--save", type=writable, help="write the tables to this file")
     options = parser.parse_args()
-    show(holding(), against(), paced(), save=options.save, width=150)
+    for i, (name, table) in enumerate(TABLES.items()):
+        if options.table in (None, name):
+            later = i > 0 or options.table is not None
+            show(table(), save=options.save, width=150, append=later)
     return 0
 
 
