@@ -405,14 +405,20 @@ def test_nothing_is_unpickled(tmp_path):
 def test_a_target_is_gone_on_with_only_by_the_same_call(source, tmp_path):
     solve(source, tmp_path / "out")
     before = content(tmp_path / "out")
-    with pytest.raises(gf.InvalidInputError, match=r"begun with slip_reserve: null, now 0\.1"):
+    with pytest.raises(gf.InvalidInputError, match=r"recipe: slip_reserve: null, now 0\.1"):
         solve(source, tmp_path / "out", slip_reserve=0.1)
+    with pytest.raises(gf.InvalidInputError, match=r"values: alpha: null, now 2\.0"):
+        solve(source, tmp_path / "out", alpha=2)
+    with pytest.raises(gf.InvalidInputError, match=r"values: tau_lo: -0\.5, now null"):
+        gd.solve_dataset(source, tmp_path / "out", rows_per_part=64, tau_limit=0.5)
     with pytest.raises(gf.InvalidInputError, match="rows_per_part: 64, now 65"):
         solve(source, tmp_path / "out", rows_per_part=65)
     table = pq.read_table(source)
-    pq.write_table(table.slice(0, 100), source)
-    with pytest.raises(gf.InvalidInputError, match="was begun with"):
-        solve(source, tmp_path / "out")
+    others = {"of other numbers": table.take(np.arange(len(table))[::-1]), "cut": table[:100]}
+    for rows in others.values():
+        pq.write_table(rows, source, row_group_size=70)
+        with pytest.raises(gf.InvalidInputError, match=r"source: grasps\.parquet: (fing|rows)"):
+            solve(source, tmp_path / "out")
     assert content(tmp_path / "out") == before
 
 

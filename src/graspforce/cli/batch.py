@@ -144,8 +144,10 @@ def _progress() -> Generator[Callable[[Counts, int], None]]:
     with progress_columns("rows") as update:
 
         def progress(counts: Counts, total: int) -> None:
-            others = counts.statuses.total() - counts.solved
-            told = f"{counts.solved:,} solved, {others:,} not, {counts.rejected:,} rejected"
+            infeasible = counts.statuses["INFEASIBLE"]
+            told = (
+                f"{counts.solved:,} solved, {infeasible:,} infeasible, {counts.rejected:,} rejected"
+            )
             update(counts.rows, total, told)
 
         yield progress

@@ -301,10 +301,10 @@ def _manifest(work: Work, rows_per_part: int, parts: int) -> dict[str, Any]:
         "graspforce": metadata.version("graspforce"),
         "rows_per_part": rows_per_part,
         "layout": [work.files[0].layout, work.files[0].hints.contact_distance],
-        "parts": parts,
         "recipe": asdict(work.recipe) | {"hand": hand and fingerprint(Path(hand))},
         "source": {
             file.name: {"rows": file.rows, "fingerprint": file.fingerprint} for file in work.files
         },
         "columns": {field.name: str(field.type) for field in work.schema},
+        "parts": parts,
     }

@@ -191,19 +191,20 @@ class Target:
         except OSError:  # a file system without locks
             self.close()
 
-    def _require_same(self, begun: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-        for key, value in now.items():
-            if begun.get(key) == value:
+    def _require_same(
+        self, begun: Mapping[str, Any], now: Mapping[str, Any], where: str = ""
+    ) -> None:
+        for key in {**begun, **now}:
+            before, after, name = begun.get(key), now.get(key), f"{where}{key}"
+            if before == after:
                 continue
-            before: Any = begun.get(key)
-            if isinstance(value, dict) and isinstance(before, dict):
-                self._require_same(*cast("tuple[dict[str, Any], ...]", (before, value)))
+            if isinstance(before, dict) and isinstance(after, dict):
+                one, other = cast("tuple[dict[str, Any], dict[str, Any]]", (before, after))
+                self._require_same(one, other, f"{name}: ")
                 continue
-            was, shown = _short(before), _short(value)
-            what = f"{was}, now {shown}" if was != shown else "other ones than now"
             raise InvalidInputError(
-                f"target: {self.folder} was begun with {key}: {what}; expected the same, or "
-                "another folder"
+                f"target: {self.folder} was begun with {name}: {_short(before)}, now "
+                f"{_short(after)}; expected the same, or another folder"
             )
 
     def path(self, number: int) -> Path:
