@@ -51,7 +51,9 @@ def rows(table):
 # ---- help and version --------------------------------------------------------------------------
 
 
-COMMANDS = ("solve", "explain", "hand", "scenario", "simulate", "reproduce", "bench", "compare")
+COMMANDS = (
+    "solve", "explain", "hand", "scenario", "simulate", "view", "reproduce", "bench", "compare",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("command", [[], *([each] for each in COMMANDS)])
