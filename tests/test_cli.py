@@ -52,16 +52,9 @@ def rows(table):
 
 
 COMMANDS = (
-    "solve",
-    "batch",
-    "explain",
-    "hand",
-    "scenario",
-    "simulate",
-    "reproduce",
-    "bench",
+    "solve", "batch", "explain", "hand", "scenario", "simulate", "view", "reproduce", "bench",
     "compare",
-)
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("command", [[], *([each] for each in COMMANDS)])

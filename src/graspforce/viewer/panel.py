@@ -27,6 +27,7 @@ from graspforce.viewer.problems import Answer
 WINDOW, _PLOT_PERIOD = 10.0, 0.1
 SPEEDS = {"1/10": 0.1, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
 NONE = "none"
+_NAMED = 500  # grasps that are chosen by name, more by number
 
 
 class Actions(Protocol):
@@ -183,13 +184,23 @@ class Panel:
         if len(items) < 2:
             return
         gui = self._gui
-        names = [f"{i} {name}" for i, name in enumerate(items)]
+        last = len(items) - 1
+        names = [f"{i} {name}" for i, name in enumerate(items[:_NAMED])]
         with gui.add_folder("Grasps of the file"):
-            self._bind(
-                gui.add_dropdown("Grasp", names, initial_value=names[self._knobs.item]),
-                lambda value: {"item": names.index(value)},
-                lambda knobs: names[min(knobs.item, len(names) - 1)],
-            )
+            if len(items) <= _NAMED:
+                self._bind(
+                    gui.add_dropdown(
+                        "Grasp", names, initial_value=names[min(self._knobs.item, last)]
+                    ),
+                    lambda value: {"item": names.index(value)},
+                    lambda knobs: names[min(knobs.item, last)],
+                )
+            else:
+                self._bind(
+                    gui.add_number("Grasp", self._knobs.item, min=0, max=last, step=1),
+                    lambda value: {"item": min(max(value, 0), last)},
+                    lambda knobs: min(knobs.item, last),
+                )
             step = gui.add_button_group("", ("previous", "next"))
 
             @step.on_click

@@ -7,6 +7,7 @@ the latest change wins, whatever came between, and nothing queues up.
 from __future__ import annotations
 
 import importlib
+import logging
 import math
 import threading
 import time
@@ -22,6 +23,7 @@ from graspforce._util.arrays import Array
 from graspforce.answers.diagnosis import diagnose
 from graspforce.baselines import METHODS
 from graspforce.errors import GraspForceError, InvalidInputError
+from graspforce.solve import solve
 from graspforce.viewer import export, words
 from graspforce.viewer.knobs import Knobs, rotation
 from graspforce.viewer.moment import Moment, Subject
@@ -36,7 +38,10 @@ _MOST_RATE, _RATE = 60.0, 30.0
 # work between redraws [s].
 _BUDGET, _SLICE, _WORK = 0.025, 0.015, 0.05
 _TIMELINE = 100  # points
-_LISTED = 500  # grasps of a file
+# Grasps of a file: those that are solved for the list, and those that it shows.
+_SOLVED, _LISTED = 20_000, 500
+
+_LOG = logging.getLogger(__name__)
 
 
 class Session:
@@ -60,7 +65,9 @@ class Session:
         link: Callable[[Knobs], str],
     ) -> None:
         self._client, self._subject = client, subject
-        self._knobs = self._good = knobs
+        # Both threads turn knobs, each from where they stand.
+        self._turning = threading.Lock()
+        self._knobs, self._good = knobs, subject.knobs
         self._playing, self._closed = False, False
         self._wake = threading.Event()
         self.redraws = 0
@@ -103,8 +110,12 @@ class Session:
 
     def turn(self, **changes: Any) -> None:
         """Turn knobs; what is out of range is said and not done."""
+        if "item" in changes and "alpha" not in changes:
+            subject: Any = self._subject
+            changes["alpha"] = subject.problems[changes["item"]].alpha
         try:
-            self._knobs = self._knobs.changed(**changes)
+            with self._turning:
+                self._knobs = self._knobs.changed(**changes)
         except InvalidInputError as error:
             self._tell("Not possible", str(error))
             self._tasks.append(lambda: self._panel.put(self._knobs))
@@ -149,7 +160,7 @@ class Session:
     def touch_all(self) -> None:
         """Let all fingers touch the object."""
         subject: Any = self._subject
-        self._do(lambda: setattr(self, "_knobs", subject.touch_all(self._knobs)))
+        self._do(lambda: self.turn(picks=subject.touch_all(self._knobs).picks))
 
     def screenshot(self) -> None:
         """Send a picture of the scene."""
@@ -161,8 +172,8 @@ class Session:
 
     def _pick(self, origin: Array, direction: Array) -> None:
         subject: Any = self._subject
-        self._knobs = subject.pick(self._knobs, origin, direction, self._panel.next_finger)
-        self._wake.set()
+        picked = subject.pick(self._knobs, origin, direction, self._panel.next_finger)
+        self.turn(picks=picked.picks)
 
     def _pull(self, force: Array, over: bool) -> None:
         push = np.zeros(3) if over and self._loop is not None else np.clip(force, -1e3, 1e3)
@@ -178,6 +189,7 @@ class Session:
     # ---- the thread --------------------------------------------------------------------------
 
     def _run(self) -> None:
+        """Serve the page until it closes; a failure costs the redraw in which it happens."""
         last = time.monotonic()
         while True:
             woken = self._wake.wait(self._patience())
@@ -185,20 +197,29 @@ class Session:
                 return
             self._wake.clear()
             now = time.monotonic()
-            moving = self._playing or self._loop is not None
-            while self._tasks:
-                self._tasks.pop(0)()
-            if self._subject.busy:
-                self._subject.work(_WORK)
-                moving = True
-            if woken or moving:
-                self._advance(now - last)
-                self._refresh(self._knobs)
-                pace = _MOST_RATE if woken else _RATE
+            try:
+                self._serve(woken, now - last)
+            except Exception:
+                _LOG.exception("a page failed to draw")
+                self._tell("This page failed", "The terminal of graspforce view says how.")
+                self._playing, self._loop = False, None
+            pace = _MOST_RATE if woken else _RATE
+            if self._job is None or woken:
                 time.sleep(max(0.0, 1 / pace - (time.monotonic() - now)))
-            elif self._job is not None:
-                self._go_on()
             last = now
+
+    def _serve(self, woken: bool, seconds: float) -> None:
+        """Do what there is to do after some seconds, the redraw last but for what can wait."""
+        while self._tasks:
+            self._tasks.pop(0)()
+        busy = self._subject.busy
+        if busy:
+            self._subject.work(_WORK)
+        if woken or busy or self._playing or self._loop is not None:
+            self._advance(seconds)
+            self._refresh(self._knobs)
+        elif self._job is not None:
+            self._go_on()
 
     def _patience(self) -> float | None:
         """Return how long to wait for something to do [s]; None for ever."""
@@ -216,7 +237,8 @@ class Session:
             self._panel.pace.content = words.pace(self._loop.tick.t, share, self._loop.ended)
         elif self._playing:
             t = (self._knobs.time + seconds) % float(self._subject.times[-1])
-            self._knobs = self._knobs.changed(time=t)
+            with self._turning:
+                self._knobs = self._knobs.changed(time=t)
 
     def _refresh(self, knobs: Knobs) -> None:
         """Solve for the knobs and show what comes out, the diagnosis after the forces."""
@@ -227,10 +249,11 @@ class Session:
             found = None if moment.problem is None else answer(moment.problem, knobs)
         except GraspForceError as error:
             # An object out of reach, a wish that cannot be: back to what was.
-            if knobs != self._good:
-                self._tell("Not possible", str(error))
-                self._knobs = self._good
-                self._wake.set()
+            self._tell("Not possible", str(error))
+            with self._turning:
+                if self._knobs is knobs and knobs != self._good:
+                    self._knobs = self._good
+                    self._wake.set()
             return
         self._good, self._moment = knobs, moment
         self.redraws += 1
@@ -323,18 +346,20 @@ class Session:
         """Show the list of a file's grasps in the wanted order."""
         subject: Any = self._subject
         rows: list[tuple[str, str, float]] = []
-        for name, problem in list(zip(subject.items, subject.problems, strict=True))[:_LISTED]:
-            found = answer(problem, Knobs())
-            margin = float(found.solution.friction_margins.min(initial=math.inf))
-            status = found.solution.status.name.lower().replace("_", " ")
-            rows.append((name, status, margin if found.solved else -math.inf))
+        for name, problem in zip(subject.items[:_SOLVED], subject.problems, strict=False):
+            found = solve(problem)
+            solved = found.status is Status.SOLVED
+            margin = float(found.friction_margins.min(initial=math.inf))
+            status = found.status.name.lower().replace("_", " ")
+            rows.append((name, status, margin if solved else -math.inf))
         keys: dict[str, Callable[[int], Any]] = {
             "place": lambda i: i,
             "margin": lambda i: rows[i][2],
             "name": lambda i: rows[i][0],
         }
-        self._order = sorted(range(len(rows)), key=keys[by])
-        self._panel.listing.content = words.listing([rows[i] for i in self._order])
+        order = sorted(range(len(rows)), key=keys[by])
+        self._order = [*order, *range(len(rows), len(subject.items))]
+        self._panel.listing.content = words.listing([rows[i] for i in order[:_LISTED]])
 
     def _show_handles(self, on: bool) -> None:
         if self._gizmo is None:

@@ -433,11 +433,7 @@ def taking_part(moments: Array, dofs: NDArray[np.intp]) -> list[int]:
 
 
 class MujocoConfiguration:
-    """A model at the configuration whose positions, moment arms and constraints ``data`` holds.
-
-    Attributes:
-        data: the ``mujoco.MjData``.
-    """
+    """A model at the configuration whose positions, moment arms and constraints ``data`` holds."""
 
     def __init__(
         self,
@@ -460,13 +456,18 @@ class MujocoConfiguration:
             stops: those that joints lean on.
             notes: what a user should know of the posture.
         """
-        self._model, self.data, self._dofs = model, data, dofs
+        self._model, self._data, self._dofs = model, data, dofs
         coupled = np.vstack((rows_of(couplings(model, data), turning(model)), held))
         leaned = stops.on(dofs, held)
         self.transmission: Transmission = transmission(
             drive_rows(model, data, drives)[:, dofs], coupled[:, dofs], leaned.rows
         )
         self.notes = (*notes, *stop_notes(leaned, self.transmission))
+
+    @property
+    def data(self) -> Any:
+        """The ``mujoco.MjData``, with the places of bodies, geoms and joints."""
+        return self._data
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -478,7 +479,7 @@ class MujocoConfiguration:
         at = self.position(link) if point is None else point
         twist = np.zeros((6, self._model.nv))
         mujoco_module().mj_jac(
-            self._model, self.data, twist[:3], twist[3:], at.reshape(3, 1),
+            self._model, self._data, twist[:3], twist[3:], at.reshape(3, 1),
             body_of(self._model, link),
         )  # fmt: skip
         return twist[:, self._dofs]
@@ -486,7 +487,7 @@ class MujocoConfiguration:
     def position(self, link: str) -> Array:
         """Return the origin of a body or site, shape (3,) [m]."""
         kind, index = find_link(self._model, link)
-        origins = self.data.xpos if kind == "body" else self.data.site_xpos
+        origins = self._data.xpos if kind == "body" else self._data.site_xpos
         return np.array(origins[index])
 
     def chain(self, link: str) -> Array:
@@ -494,13 +495,13 @@ class MujocoConfiguration:
         body, places = body_of(self._model, link), [self.position(link)]
         while body:
             first, count = int(self._model.body_jntadr[body]), int(self._model.body_jntnum[body])
-            places += [np.array(self.data.xanchor[first + i]) for i in reversed(range(count))]
+            places += [np.array(self._data.xanchor[first + i]) for i in reversed(range(count))]
             body = int(self._model.body_parentid[body])
         return np.array(places[::-1])
 
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""
-        return bias_forces(self._model, self.data)[self._dofs]
+        return bias_forces(self._model, self._data)[self._dofs]
 
 
 def every_dof(model: Any) -> NDArray[np.intp]:

@@ -121,11 +121,7 @@ def what_moves(model: Any, links: Sequence[str], couplings: Array) -> NDArray[np
 
 
 class PinocchioConfiguration:
-    """A model at a configuration.
-
-    Attributes:
-        data: the ``pinocchio.Data``, with the places of joints and frames.
-    """
+    """A model at a configuration."""
 
     def __init__(
         self,
@@ -149,7 +145,7 @@ class PinocchioConfiguration:
             leans: whether joints at the ends of their ranges lean on stops.
         """
         self._model, self._frames, self._dofs = model, frames_of(model), dofs
-        self.data = model.createData()
+        self._data = model.createData()
         self._rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
         self._couplings, self._held = couplings, held
         self._reader = StopReader(model) if leans else None
@@ -160,8 +156,8 @@ class PinocchioConfiguration:
         """Compute where the frames are at the configuration q, shape (nq,), and what leans."""
         pin, dofs = pinocchio_module(), self._dofs
         self._q = q
-        pin.computeJointJacobians(self._model, self.data, q)
-        pin.updateFramePlacements(self._model, self.data)
+        pin.computeJointJacobians(self._model, self._data, q)
+        pin.updateFramePlacements(self._model, self._data)
         stops = no_stops(self._model.nv) if self._reader is None else self._reader.read(q)
         stops = stops.on(dofs, self._held)
         if self._stops is None or not np.array_equal(stops.rows, self._stops.rows):
@@ -170,6 +166,11 @@ class PinocchioConfiguration:
                 self._rows[:, dofs], np.vstack((self._couplings, self._held))[:, dofs], stops.rows
             )
             self.notes = tuple(stop_notes(stops, self.transmission))
+
+    @property
+    def data(self) -> Any:
+        """The ``pinocchio.Data``, with the places of joints and frames."""
+        return self._data
 
     @property
     def dof_names(self) -> tuple[str, ...]:
@@ -182,7 +183,7 @@ class PinocchioConfiguration:
         pin = pinocchio_module()
         twist = np.array(
             pin.getFrameJacobian(
-                self._model, self.data, self._frames[link], pin.LOCAL_WORLD_ALIGNED
+                self._model, self._data, self._frames[link], pin.LOCAL_WORLD_ALIGNED
             )
         ).reshape(6, self._model.nv)  # of one joint, Pinocchio gives a vector
         if point is not None:
@@ -191,18 +192,18 @@ class PinocchioConfiguration:
 
     def position(self, link: str) -> Array:
         """Return the origin of a frame, shape (3,) [m]."""
-        return np.array(self.data.oMf[self._frames[link]].translation)
+        return np.array(self._data.oMf[self._frames[link]].translation)
 
     def chain(self, link: str) -> Array:
         """Return where the joints are that move a link, and the link, from the base, (k, 3) [m]."""
         joints = self._model.supports[self._model.frames[self._frames[link]].parentJoint]
-        places = [np.array(self.data.oMi[joint].translation) for joint in joints if joint]
+        places = [np.array(self._data.oMi[joint].translation) for joint in joints if joint]
         return np.array([*places, self.position(link)])
 
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity, shape (n_dofs,)."""
         pin = pinocchio_module()
-        weight = pin.computeGeneralizedGravity(self._model, self.data, self._q)
+        weight = pin.computeGeneralizedGravity(self._model, self._data, self._q)
         return np.array(weight)[self._dofs]
 
 
