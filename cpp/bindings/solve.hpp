@@ -50,6 +50,7 @@ inline nb::object solve(nb::handle solution, nb::handle problem, nb::handle layo
   Result result;
   {
     const Release release(engine.layout());
+    engine.forget_couplings();
     result = engine.solve(numbers, {tol, max_steps, budget_us}, forces);
   }
   return make_solution(solution, nb::cast(Outcome(engine, result, nullptr)), problem);

@@ -105,6 +105,12 @@ class Engine {
     kernels_.forget();
     rank_.forget_deficiency();
   }
+  // As much of it as the bits of a solve depend on. Blocks of a contact each are kept: at worst a
+  // joint stands in one that it no longer touches, and zeros change nothing.
+  void forget_couplings() {
+    if (kernels_.chosen() == Kernels::Kind::General) kernels_.forget();
+    rank_.forget_deficiency();
+  }
 
  private:
   // Decrement at an extrapolated start above which the last optimum is looked at as well.
