@@ -110,8 +110,8 @@ def test_rows_that_cannot_be_held_come_with_the_force_for_the_nearest_wrench(fou
     assert (batch.friction_margins[batch.nearest] > 0).all()
     for i in np.flatnonzero(batch.nearest)[:5].tolist():
         alone = gf.solve(batch[i].problem)
-        assert batch.c[i] == pytest.approx(alone.c, abs=1e-9)
-        assert batch.missing[i] == pytest.approx(alone.missing, abs=1e-9)
+        assert batch.c[i] == pytest.approx(alone.c, abs=1e-6)
+        assert batch.missing[i] == pytest.approx(alone.missing, abs=1e-6)
         assert batch[i].message == alone.message
 
 
