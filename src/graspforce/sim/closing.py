@@ -31,7 +31,7 @@ from graspforce.trajectory import GRAVITY
 
 # How fast a finger comes near, and how fast joints may still turn or slide when all is at rest.
 _APPROACH = 0.15  # [m/s]
-_AT_REST = 0.02  # [rad/s; m/s]
+_AT_REST = 0.005  # [rad/s; m/s]
 _RESTING = 0.05  # for how long [s]
 _TAKING_OVER = 0.1  # how long the loop holds the object before it is let go [s]
 _HEAVY = 1e4
@@ -345,6 +345,8 @@ class _Closing:
                 most = 4 * self._force
                 force *= min(1.0, most / max(float(np.linalg.norm(force)), 1e-12))
             drawn[free] += J.T @ force
+        # What friction in the joints takes would be missing at the finger.
+        drawn += np.sign(drawn) * (np.abs(driven).T @ model.dof_frictionloss[dofs])
         held = self._carried * (-400.0 * off - 40.0 * rates)
         # A finger that presses would buckle but for a spring about how it touched.
         bent = np.nan_to_num(self._motors.lengths(data) - self._touched)
