@@ -244,6 +244,30 @@ def test_a_hand_gives_joints_and_limits(posed, hand_file, tmp_path):
     assert solved
 
 
+def test_a_hand_holds_against_gravity_from_all_sides(hand_file, tmp_path):
+    rng = np.random.default_rng(4)
+    tips = ["tip1", "tip2", "tip3", "tip4"]
+    hand = gf.hands.from_mjcf(hand_file, tips)
+    hand.robot.model.opt.gravity[:] = 0
+    rows, _ = held_rows(hand, 2, rng)
+    for row in rows:
+        del row["f"]
+    source = written(tmp_path / "a.jsonl", rows)
+    options = {"hand": hand_file, "fingertips": tips, "mu": 0.6, "mass": 0.1}
+    table = table_of(source, tmp_path / "out", gravity="sphere", **options).to_pylist()
+    assert len(table) == 12
+    for found in table:
+        row = rows[found["row"]]
+        contacts = [
+            gf.Contact(p, n, gf.PCWF(0.6), t)
+            for p, n, t in zip(row["points"], row["normals"], row["tangents"], strict=True)
+        ]
+        grasp = gf.Grasp(contacts, hand, row["q"], origin=row["origin"])
+        force = -0.981 * np.array(found["gravity"])
+        np.testing.assert_allclose(found["f"], [*force, 0, 0, 0], atol=1e-12)
+        assert_same(found, gf.solve(grasp.problem([*force, 0, 0, 0])))
+
+
 def test_a_hand_asks_for_what_it_needs(hand_file, tmp_path):
     rng = np.random.default_rng(4)
     hand = gf.hands.from_mjcf(hand_file, ["tip1", "tip2", "tip3", "tip4"])

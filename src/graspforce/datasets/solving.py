@@ -59,15 +59,15 @@ class _Rows:
     Attributes:
         rows: their places in the part's table, shape (G,).
         models: the contacts' models; mu, gamma and pull may also be in ``fields``.
-        fields: arguments of solve_batch but f.
-        loads: f for each direction of gravity, each (k,) or (G, k).
+        fields: arguments of solve_batch but f, for each direction of gravity.
+        loads: f for each direction, each (k,) or (G, k).
         directions: of gravity in the axes of the contacts, each (3,) or (G, 3); where f is from it.
         asked: what each load is in the axes of the contacts; a hand turns f and adds rows to it.
     """
 
     rows: NDArray[np.int64]
     models: list[ContactModel]
-    fields: dict[str, Any]
+    fields: list[dict[str, Any]]
     loads: list[NDArray[Any]]
     directions: list[Array] | None
     asked: list[NDArray[Any]]
@@ -125,15 +125,15 @@ class PartSolver:
         """Return places and results of rows, d for each; rows that make no problem are rejected."""
         recipe, answers = self._recipe, list[_Answers]()
         invalid = np.zeros(len(ready.rows), dtype=bool)
-        for load in ready.loads:
-            answer = _Answers(recipe, ready, load, self._settings, self._threads)
+        for index in range(len(ready.loads)):
+            answer = _Answers(recipe, ready, index, self._settings, self._threads)
             answers.append(answer)
             bad = answer.batch.status == Status.INVALID_NUMBERS
             for place in np.flatnonzero(bad & ~invalid).tolist():
                 rejects[int(ready.rows[place])] = answer.batch.reason(place)
             invalid |= bad
         keep = None if not invalid.any() else np.flatnonzero(~invalid)
-        tables = [answer.table(index, self._schema, keep) for index, answer in enumerate(answers)]
+        tables = [answer.table(self._schema, keep) for answer in answers]
         rows = ready.rows if keep is None else ready.rows[keep]
         return np.tile(rows, len(tables)), pa.concat_tables(tables)
 
@@ -300,7 +300,8 @@ class _Group:
     def _of_matrices(self) -> _Rows:
         fields = self._fields() | {"W": self._column("W")}
         loads, directions = self._loads(None)
-        return _Rows(self._rows, self._models(), fields, loads, directions, loads)
+        same = [fields] * len(loads)
+        return _Rows(self._rows, self._models(), same, loads, directions, loads)
 
     def _of_geometry(self) -> Iterator[_Rows]:
         points, normals, tangents, origins = self._contact_geometry()
@@ -315,7 +316,8 @@ class _Group:
         }
         loads, directions = self._loads(good)
         rows = self._rows[good] if len(good) < count else self._rows
-        yield _Rows(rows, self._models(), fields | {"W": W}, loads, directions, loads)
+        same = [fields | {"W": W}] * len(loads)
+        yield _Rows(rows, self._models(), same, loads, directions, loads)
 
     def _of_hand(self) -> Iterator[_Rows]:
         """Yield rows whose J and limits a hand gives, row by row, together by their layouts."""
@@ -365,10 +367,14 @@ class _Group:
                 np.array([problems[i][d].packed for i in places]) for d in range(len(layouts))
             ]
             views = [layout.views(rows) for layout, rows in zip(layouts, packed, strict=True)]
-            left_out = ("f",) if layouts[0].ceilings else ("f", "engagement")
-            fields = {
-                name: view for name, view in views[0].items() if view.size and name not in left_out
-            }
+            fields = [
+                {
+                    name: value
+                    for name, value in view.items()
+                    if value.size and name != "f" and (name != "engagement" or layout.ceilings)
+                }
+                for layout, view in zip(layouts, views, strict=True)
+            ]
             shown = directions and [_some(each, places) for each in directions]
             yield _Rows(
                 self._rows[places], self._models(), fields, [each["f"] for each in views], shown,
@@ -461,16 +467,15 @@ class _Answers:
         self,
         recipe: Recipe,
         ready: _Rows,
-        load: NDArray[Any],
+        index: int,
         settings: Settings,
         threads: int,
     ) -> None:
-        self._recipe, self._ready = recipe, ready
-        spread = np.broadcast_to(load, (len(ready.rows), load.shape[-1]))
-        given = (
-            {"alpha": FIELDS["alpha"].default} | ready.fields | {"f": np.ascontiguousarray(spread)}
-        )
-        wished = _with_wishes(recipe, ready, given)
+        self._recipe, self._ready, self._index = recipe, ready, index
+        load = ready.loads[index]
+        f = np.ascontiguousarray(np.broadcast_to(load, (len(ready.rows), load.shape[-1])))
+        given = {"alpha": FIELDS["alpha"].default} | ready.fields[index] | {"f": f}
+        wished = _with_wishes(recipe, given)
         hard = solve_batch(models=ready.models, settings=settings, threads=threads, **wished)
         self._hard = hard
         # As the rows came: torques and margins are against their own friction and limits.
@@ -498,16 +503,15 @@ class _Answers:
             self._suboptimality[row] = one.suboptimality
             self._alpha[row], self._met[row], self._least[row] = grip.alpha, grip.met, grip.least
 
-    def table(self, index: int, schema: Any, keep: NDArray[np.int64] | None) -> Any:
+    def table(self, schema: Any, keep: NDArray[np.int64] | None) -> Any:
         """Return the result columns of the schema.
 
         Args:
-            index: of the direction of gravity.
             schema: of the target.
             keep: rows to keep; None for all.
         """
         batch, count = self.batch, len(self.batch)
-        directions = self._ready.directions
+        directions, index = self._ready.directions, self._index
 
         def rows(value: Any) -> Any:
             value = np.asarray(value)
@@ -539,7 +543,7 @@ class _Answers:
         return pa.table([columns[name] for name in names], names)
 
 
-def _with_wishes(recipe: Recipe, ready: _Rows, given: dict[str, Any]) -> dict[str, Any]:
+def _with_wishes(recipe: Recipe, given: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of the problems all of whose answers meet the hard wishes."""
     wishes = recipe.wishes
     if not wishes.given:
