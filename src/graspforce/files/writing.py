@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array, npz_bytes
 from graspforce._util.atomic import atomic_write, check_output
@@ -60,7 +61,7 @@ class _Table:
             "status": [status.name for status in columns.rows("status")],
             "message": columns.rows("message"),
         }
-        self.numbers: dict[str, Array] = {
+        self.numbers: dict[str, NDArray[Any]] = {
             name: columns.field(name) if name == "alpha" else getattr(columns, name)
             for name in _NUMBERS
         }
