@@ -135,7 +135,9 @@ def cell(log: sim.Log) -> str:
 
 
 def against() -> Table:
-    table = Table(title="moved by 20 mm in other ways: off its target and slip [mm], largest force")
+    table = Table(
+        title="moved by 20 mm in other ways: off its target and slip in mm, largest force"
+    )
     for heading in ("hand", "disturbance", *WAYS):
         table.add_column(heading)
     for name in STUDIED:
