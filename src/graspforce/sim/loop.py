@@ -152,11 +152,7 @@ class _AnyHand:
         self.disturbance = _DisturbanceModel(trial, self.world)
         self.contacts = len(self.loop.links)
         self.forces = np.zeros((self.contacts, 3))
-        self._start_moving()
-
-    def _start_moving(self) -> None:
-        """Begin at rest: what moves afterwards, the law has moved."""
-        mj.mj_step1(self.world.model, self.world.data)
+        mj.mj_step1(model, data)
         self.loop.read()
 
     @property
