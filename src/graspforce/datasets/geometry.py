@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
-from graspforce.contact import LEAST_ACROSS, UNIT_TOLERANCE, any_tangent
+from graspforce.contact import LEAST_ACROSS, UNIT_TOLERANCE
 from graspforce.grasp_map import stacked_maps
 
 # Components of a contact of each model.
@@ -56,11 +56,6 @@ def frame_flaws(normals: Array, tangents: Array) -> dict[int, str]:
             text = f"tangents[{place}]: expected a direction across the normal"
         flaws.setdefault(row, text)
     return flaws
-
-
-def default_tangents(normals: Array) -> Array:
-    """Return directions for the contact frames' x, as :class:`graspforce.Contact` chooses them."""
-    return any_tangent(normals)
 
 
 def rotations(quaternions: Array) -> Array:

@@ -21,11 +21,10 @@ from graspforce._engine.settings import Settings
 from graspforce._util.arrays import Array
 from graspforce.answers import firmness
 from graspforce.batch import Batch, BatchProblems, solve_batch
-from graspforce.contact import Contact, ContactModel, model_of
+from graspforce.contact import Contact, ContactModel, any_tangent, model_of
 from graspforce.datasets.arrow import pa
 from graspforce.datasets.geometry import (
     DIMS,
-    default_tangents,
     frame_flaws,
     grasp_maps,
     quaternion_flaws,
@@ -383,7 +382,7 @@ class _Group:
 
     def _contact_geometry(self) -> tuple[Array, Array, Array, Array]:
         normals = self._each("normals")
-        tangents = self._each("tangents") if "tangents" in self._flat else default_tangents(normals)
+        tangents = self._each("tangents") if "tangents" in self._flat else any_tangent(normals)
         return self._each("points"), normals, tangents, self._each("origin", np.zeros(3))
 
     def _pose_flaws(self) -> dict[int, str]:
