@@ -25,7 +25,7 @@ def view(
         str | None,
         typer.Argument(
             metavar="[NAME | FILE]",
-            help="A scenario (static, dynamic, regrasp), a simulated scene (hold, circle, …), or "
+            help="A scenario (static, dynamic, regrasp), a simulated scene (hold, circle, sim/regrasp, …), or "
             "a file of grasps.  [default: static]",
         ),
     ] = None,
