@@ -4,7 +4,7 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: reproduce test docs picture matrix matrix-short lint wheels bench instructions campaign decrements fuzz soak portable clean
+.PHONY: reproduce test docs picture matrix matrix-short lint wheels bench instructions campaign decrements fuzz soak soak-page portable clean
 CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp' -o -name '*.[ch]')
 
 reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
@@ -71,6 +71,9 @@ soak:  ## ten million servo ticks of all kinds, some minutes
 	mkdir -p build
 	$(CXX) $(CORE) -O3 $(WIDE) benchmarks/soak.cpp -o build/soak
 	build/soak $(TICKS)
+
+soak-page: $(VENV)/test.installed  ## the live page: 20,000 turns of knobs in a browser, some minutes
+	$(VENV)/bin/python benchmarks/viewer.py --save benchmarks/results/viewer.txt
 
 # The core's tests by every compiler that is here, for every instruction set.
 portable:

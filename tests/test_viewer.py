@@ -305,6 +305,13 @@ def test_a_scene_is_run_while_nothing_else_is_to_do_and_scrubbed():
     )
 
 
+def test_a_scene_that_is_called_like_a_scenario_has_a_name_of_its_own():
+    assert "physics" not in viewer.open_subject("regrasp").controls
+    assert "physics" in viewer.open_subject("sim/regrasp").controls
+    with pytest.raises(gf.InvalidInputError, match="regrasp, hold, circle, sim/regrasp, allegro"):
+        viewer.open_subject("sim/reg")
+
+
 def test_physics_answers_to_push_lift_friction_and_reset():
     subject = viewer.open_subject("hold")
     loop = subject.live()
@@ -358,7 +365,7 @@ def test_the_server_frees_its_port_and_its_threads():
 def test_other_interfaces_are_warned_of_and_wrong_ones_refused():
     with pytest.warns(gf.GraspForceWarning, match="can use the page"):
         viewer.Viewer(viewer.open_subject("static"), host="0.0.0.0", port=0).stop()
-    for host, port, said in (("192.0.2.1", 0, "port"), ("no.such.host.invalid", 0, "host")):
+    for host, port, said in (("192.0.2.1", 0, "host"), ("no.such.host.invalid", 0, "host")):
         with pytest.raises(gf.InvalidInputError, match=f"^{said}: got"):
             viewer.Viewer(viewer.open_subject("static"), host=host, port=port)
     with pytest.raises(gf.InvalidInputError, match="expected 0 to 65535"):

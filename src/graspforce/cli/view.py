@@ -25,8 +25,8 @@ def view(
         str | None,
         typer.Argument(
             metavar="[NAME | FILE]",
-            help="A scenario (static, dynamic, regrasp), a simulated scene (hold, circle, …), or "
-            "a file of grasps.  [default: static]",
+            help="A scenario (static, dynamic, regrasp), a simulated scene (hold, circle, "
+            "sim/regrasp, …), or a file of grasps.  [default: static]",
         ),
     ] = None,
     hand: Annotated[

@@ -51,7 +51,7 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
         _write_pose(log, tick, t, *target, pose, world)
         command = side.decide(t, pose)
         solutions.append(command.solution)
-        if command.kept and not first_failure:
+        if command.solution.status is not Status.SOLVED and not first_failure:
             first_failure = (
                 f"; tick {tick} was the first that was not solved: {command.solution.message}"
             )

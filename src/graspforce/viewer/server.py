@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
 import socket
 import warnings
@@ -135,6 +136,10 @@ def _check_free(host: str, port: int) -> bool:
             f"host: got {host!r}, expected an address of this machine ({error.strerror})"
         ) from error
     except OSError as error:
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise InvalidInputError(
+                f"host: got {host!r}, expected an address of this machine"
+            ) from error
         raise InvalidInputError(
             f"port: got {port} on {host}, expected a free one ({error.strerror}); --port 0 takes "
             "any"

@@ -17,7 +17,7 @@ def open_subject(name: str) -> Subject:
 
     Args:
         name: a scenario of the paper, a scene of ``graspforce.sim``, or the path of a file of
-            grasps.
+            grasps. ``sim/regrasp`` is the scene where a scenario has the same name.
 
     Raises:
         InvalidInputError: an unknown name; the text lists the valid ones. A file that cannot be
@@ -31,11 +31,13 @@ def open_subject(name: str) -> Subject:
         return FileSubject(path.name, files.read(path))
     from graspforce.viewer.subjects.trial import SCENES, open_trial
 
-    if name in SCENES:
-        return open_trial(name)
+    scene = name.removeprefix("sim/")
+    if scene in SCENES:
+        return open_trial(scene)
+    scenes = [f"sim/{each}" if each in scenarios.NAMES else each for each in SCENES]
     raise InvalidInputError(
         f"name: got {name!r}, expected a file of grasps or one of "
-        f"{', '.join((*scenarios.NAMES, *SCENES))}"
+        f"{', '.join((*scenarios.NAMES, *scenes))}"
     )
 
 
