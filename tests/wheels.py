@@ -78,7 +78,7 @@ def build(sdist: Path, python: str, machine: str, **variables: str) -> Path:
     plain, repaired = BUILD / "plain", BUILD / "repaired"
     for folder in (plain, repaired):
         shutil.rmtree(folder, ignore_errors=True)
-    uv = (sys.executable, "-m", "uv", "--quiet", "build", "--wheel", "--no-python-downloads")
+    uv = (sys.executable, "-m", "uv", "build", "--wheel", "--no-python-downloads")
     call(
         *uv, "--python", python, "--build-constraints", LOCK, "--out-dir", plain, sdist,
         CXX=f"{zig} c++ -target {machine}-linux-gnu.2.17", **variables,
@@ -141,6 +141,7 @@ def arm(sdist: Path, python: str) -> dict[str, str]:
         sdist, python, "aarch64",
         CMAKE_ARGS="-DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64",
         SETUPTOOLS_EXT_SUFFIX=suffix, _PYTHON_HOST_PLATFORM="linux-aarch64",
+        SKBUILD_INSTALL_STRIP="false",  # strip is this processor's; the linker has stripped
     )  # fmt: skip
     folder = BUILD / "arm"
     shutil.rmtree(folder, ignore_errors=True)
