@@ -31,12 +31,13 @@ DIST, BUILD, LOCK = ROOT / "dist", ROOT / "build" / "wheels", ROOT / "requiremen
 LARGEST = 3_000_000  # [bytes]
 CORES = {"x86_64": ("_core", "_core_avx2", "_core_avx512"), "aarch64": ("_core",)}
 GRASPS = ROOT / "examples" / "several_grasps.json"
-# The forces of every grasp of a file at three alphas, as bits.
+# The forces of the grasps of a file that can be held, at three alphas, to the last digits, as bits.
 SOLVE = """
 import sys
 import graspforce as gf
 problems = [p.problem.replace(alpha=a) for p in gf.files.read(sys.argv[1]) for a in (0.1, 5, 1e3)]
-print(b"".join(gf.solve(problem).c.tobytes() for problem in problems).hex())
+solutions = [gf.solve(problem, gf.Settings(tol=1e-18)) for problem in problems]
+print(b"".join(s.c.tobytes() for s in solutions if s.status is gf.Status.SOLVED).hex())
 """
 # For Arm: the version of Debian's Python, and its packages with those that it and NumPy load.
 ARM_PYTHON = "3.11"
