@@ -7,6 +7,7 @@ import pytest
 
 import graspforce as gf
 from graspforce import equations, guaranteed
+from graspforce._engine.outcome import PlainOutcome
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -170,10 +171,10 @@ def test_guarantees_leave_out_contacts_that_have_left():
 
 def test_forces_outside_the_cones_guarantee_nothing():
     pytest.importorskip("clarabel")
-    failed = gf.solve(squeezed([gf.PCWF(0.5)] * 3).replace(f=[0, 0, 1e3, 0, 0, 0]))
-    assert failed.status is gf.Status.INFEASIBLE
+    solution = gf.solve(squeezed([gf.PCWF(0.5)] * 3), check=True)
+    slipping = PlainOutcome(0, 1, np.tile([1.0, 1.0, 0.0], 3), solution.nu)
     with pytest.raises(gf.InvalidInputError, match="outside the cones"):
-        guaranteed.friction_margins(failed)
+        guaranteed.friction_margins(gf.Solution(slipping, solution.problem))
 
 
 @pytest.mark.parametrize(("axes", "most"), [(2, 1.02), (3, 1.07)])

@@ -119,7 +119,7 @@ struct LaneGroup {
   }
 
   // Height mu n and radius ‖w t‖ of y: inside the cone the height is the larger.
-  void cone(const V* y, V& height, V& radius) const {
+  GRASPFORCE_INLINE void cone(const V* y, V& height, V& radius) const {
     height = mu * y[0];
     V sum = {};
     GRASPFORCE_UNROLL
@@ -222,8 +222,8 @@ struct LaneGroup {
 
   // H = L D Lᵀ in place; x ← L⁻¹ x, x ← L⁻ᵀ x, x ← H⁻¹ x. See lane_ldl.hpp.
   GRASPFORCE_INLINE void factor() { lane_ldl::factor<Q>(H, inverse); }
-  void forward(V* x) const { lane_ldl::forward<Q>(H, x); }
-  void back(V* x) const { lane_ldl::back<Q>(H, x); }
+  GRASPFORCE_INLINE void forward(V* x) const { lane_ldl::forward<Q>(H, x); }
+  GRASPFORCE_INLINE void back(V* x) const { lane_ldl::back<Q>(H, x); }
   void solve(V* x) const {
     forward(x);
     GRASPFORCE_UNROLL
@@ -231,7 +231,7 @@ struct LaneGroup {
     back(x);
   }
 
-  V wrench(int r, const V* y) const {
+  GRASPFORCE_INLINE V wrench(int r, const V* y) const {
     V sum = W[r][0] * y[0];
     GRASPFORCE_UNROLL
     for (int i = 1; i < Q; ++i) sum += W[r][i] * y[i];
@@ -240,7 +240,7 @@ struct LaneGroup {
 
   // g ← g − Wᵀ ν.
   template <class Multiplier>
-  void subtract_wrench(const Multiplier* nu) {
+  GRASPFORCE_INLINE void subtract_wrench(const Multiplier* nu) {
     for (int i = 0; i < Q; ++i)
       for (int r = 0; r < kWrench; ++r) g[i] -= W[r][i] * nu[r];
   }

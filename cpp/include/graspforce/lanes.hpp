@@ -85,7 +85,13 @@ GRASPFORCE_INLINE V max(V a, V b) {
 }
 template <class V>
 GRASPFORCE_INLINE V abs(V a) {
-  return select(a < 0, -a, a);
+#if defined(GRASPFORCE_PLAIN_LANES)
+  for (int i = 0; i < kLanesOf<V>; ++i) a[i] = std::abs(a[i]);
+  return a;
+#else
+  constexpr long long kMagnitude = 0x7fffffffffffffff;  // all bits but the sign
+  return (V)((MaskOf<V>)a & kMagnitude);
+#endif
 }
 template <class V>
 GRASPFORCE_INLINE V sqrt(V a) {

@@ -20,6 +20,7 @@ from graspforce.answers.wishes import slip_reserves
 from graspforce.errors import InvalidInputError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
+from graspforce.solution.missing import components
 from graspforce.solve import solve
 
 __all__ = ["Binding", "Diagnosis", "Remedy", "diagnose"]
@@ -76,6 +77,10 @@ class Diagnosis:
         said = [remedy.text for remedy in self.remedies]
         return f"what would help: {_or(said)}" if said and self.status != Status.SOLVED else ""
 
+    @property
+    def _lacking(self) -> str:
+        return components(self.solution.problem, np.array(self.missing))
+
     def __str__(self) -> str:
         limits = ", ".join(
             f"{each.name} ({100 * each.share:.0f} %)" for each in self.binding[:_NAMED]
@@ -97,11 +102,11 @@ class Diagnosis:
                     f"exceeded by {over} their size. In conflict, by weight: {limits}."
                 )
                 if self.missing:
-                    text += f" The nearest wrench within them lacks {_wrench(self.missing)}."
+                    text += f" The nearest wrench within them lacks {self._lacking}."
             case Status.WRENCH_UNREACHABLE:
                 text = (
                     "These contacts cannot make this wrench, whatever their forces. The nearest "
-                    f"that they make lacks {_wrench(self.missing)} of it: add a contact, give one "
+                    f"that they make lacks {self._lacking} of it: add a contact, give one "
                     "friction or torsion, or let the row give way with f_soft."
                 )
             case Status.ON_EDGE:
@@ -281,7 +286,3 @@ def _bounded(problem: ForceProblem) -> tuple[Remedy, ...]:
 
 def _or(parts: list[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])}, or {parts[-1]}"
-
-
-def _wrench(parts: tuple[float, ...]) -> str:
-    return "(" + ", ".join(f"{part:.3g}" for part in parts) + ")"

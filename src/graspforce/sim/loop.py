@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.sim.controller import Command, Controller, rotation_vector
 from graspforce.sim.hand_loop import HandCommand, HandLoop, Seen

@@ -29,11 +29,6 @@ def in_words(problem: ForceProblem, c: Array, nearest: bool) -> str:
     parts_of_f = (np.abs(problem.f) + np.abs(problem.W) @ np.abs(c)) / scales
     if sizes.max() <= _ROUNDING * parts_of_f.max():
         return "; c makes the wrench and violates them least"
-    parts = [
-        f"{missing[row]:.3g} {_words(len(missing), row)}"
-        for row in range(len(missing))
-        if sizes[row] > _LEAST * sizes.max()
-    ]
     _, torques = row_kinds(len(missing))
     counts = f" (a torque counts by {scales[torques][0]:.3g} m)" if scales[torques].size else ""
     what = f"the nearest wrench{counts}, which" if nearest else "a wrench that"
@@ -43,7 +38,27 @@ def in_words(problem: ForceProblem, c: Array, nearest: bool) -> str:
     helps.append("another contact")
     if not problem.layout.soft_wrench:
         helps.append("a soft wrench (f_soft)")
-    return f"; c makes {what} lacks {_listed(parts, 'and')}; {_listed(helps, 'or')} would help"
+    return (
+        f"; c makes {what} lacks {components(problem, missing)}; {_listed(helps, 'or')} would help"
+    )
+
+
+def components(problem: ForceProblem, missing: Array) -> str:
+    """Return the components of a missing wrench that count, with their units.
+
+    Args:
+        problem: whose wrench it is missing of.
+        missing: f − W c, shape (k,) [N, N·m].
+    """
+    sizes = np.abs(missing) / problem.wrench_scales() * problem.exact
+    return _listed(
+        [
+            f"{missing[row]:.3g} {_words(len(missing), row)}"
+            for row in range(len(missing))
+            if sizes[row] > _LEAST * sizes.max()
+        ],
+        "and",
+    )
 
 
 def _words(k: int, row: int) -> str:
