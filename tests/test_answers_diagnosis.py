@@ -174,7 +174,7 @@ def test_a_wrench_out_of_reach_is_told_by_its_part():
     found = gf.diagnose(gf.Grasp(contacts).problem([0, 0, 1, 0.01, 0, 0], c_max=10))
     assert found.status is gf.Status.WRENCH_UNREACHABLE
     assert found.missing == pytest.approx((0, 0, 0, 0.01, 0, 0), abs=1e-12)
-    assert "The nearest that they make lacks (0, 0, 0, 0.01, 0, 0) of it" in str(found)
+    assert "The nearest that they make lacks 0.01 N·m about x of it" in str(found)
 
 
 def test_what_an_infeasible_load_lacks_and_what_is_on_the_edge_are_told():
@@ -183,7 +183,7 @@ def test_what_an_infeasible_load_lacks_and_what_is_on_the_edge_are_told():
     found = gf.diagnose(pinch)
     assert found.status is gf.Status.INFEASIBLE
     assert found.missing == pytest.approx((0, 0, 3, 0, 0, 0), abs=1e-6)
-    assert "The nearest wrench within them lacks (0, 0, 3, 0, 0, 0)." in str(found)
+    assert "The nearest wrench within them lacks 3 N along z." in str(found)
     edge = gf.diagnose(pinch.replace(f=[0, 0, 10, 0, 0, 0]))
     assert edge.status is gf.Status.ON_EDGE
     assert edge.missing == ()

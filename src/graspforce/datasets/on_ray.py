@@ -56,8 +56,8 @@ def ray_module() -> Any:
         MissingExtraError: Ray is not installed.
     """
     try:
-        import ray
-        import ray.data  # pyright: ignore[reportUnusedImport]
+        import ray  # pyright: ignore[reportMissingImports]
+        import ray.data  # pyright: ignore[reportMissingImports, reportUnusedImport]
     except ModuleNotFoundError as error:
         raise MissingExtraError("engine 'ray'", "ray", "ray") from error
     return ray

@@ -90,6 +90,7 @@ class Loop:
         self.tick = Tick(
             t, qpos, command.contacts, origin, command.solution.problem, world.forces.copy()
         )  # fmt: skip
+        assert trial.motion is not None  # as of named fingers
         off = float(np.linalg.norm(self._pose.position - trial.motion.at(t).position))
         if not self.ended and off > DROPPED_DISTANCE:
             self.ended = "the object was dropped"

@@ -47,6 +47,8 @@ class TrialSubject:
     controls = frozenset({"push", "tilt", "heading", "physics"})
 
     def __init__(self, trial: Trial) -> None:
+        assert trial.alpha is not None  # as of named fingers
+        assert trial.motion is not None
         self.trial = trial
         self.title, self.summary = trial.name, trial.summary
         self.times: Array = np.arange(trial.ticks) / trial.rate
