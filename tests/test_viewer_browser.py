@@ -89,8 +89,17 @@ def enter(tab, label, value, index=-1):
 
 
 def choose(tab, label, option):
-    row(tab, label).locator("input:not([type=hidden])").first.click()
-    tab.get_by_role("option", name=option, exact=True).click()
+    """Choose from a list, opened again where an update of the page has closed it."""
+    choice = tab.get_by_role("option", name=option, exact=True)
+
+    def opened():
+        if not choice.is_visible():
+            row(tab, label).locator("input:not([type=hidden])").first.click()
+            tab.wait_for_timeout(300)
+        return choice.is_visible()
+
+    until(opened, f"the choices of {label}")
+    choice.click()
 
 
 def shown(tab, name):
