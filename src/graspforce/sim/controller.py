@@ -57,7 +57,8 @@ class Command:
         solution: of the force problem.
         contacts: where the forces act, world axes.
         engagement: shape (n,).
-        kept: whether the forces had no answer, and ``tau`` is that of the last tick that had one.
+        kept: whether no forces inside the limits were found, not even for the nearest wrench, and
+            ``tau`` is that of the last tick that had some.
     """
 
     tau: Array

@@ -83,7 +83,7 @@ class HandCommand(NamedTuple):
     """What the motors are to give, in the order of ``joint_names``, shape (n_joints,)."""
     solution: Solution
     kept: bool
-    """Whether the forces of the tick had no answer, and ``tau`` is that of an earlier one."""
+    """Whether the tick found no forces, not even for the nearest wrench; ``tau`` is older then."""
 
 
 class HandLoop:

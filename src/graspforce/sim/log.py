@@ -59,8 +59,8 @@ class Log:
         slip: distance that every tip has slipped since contact was made, shape (T, n) [m].
         newton_steps: of the force problem (iterations of the minimum-norm SOCP), shape (T,).
         status: values of :class:`graspforce.Status`, shape (T,).
-        kept: whether the tick's forces had no answer, and its torques are those of the last tick
-            that had one, shape (T,).
+        kept: whether the tick found no forces inside the limits, not even for the nearest wrench,
+            and its torques are those of the last tick that had some, shape (T,).
         ending: how it ended.
         message: why, with the tick, when it did not complete.
     """
