@@ -94,8 +94,9 @@ GRASPFORCE_API int graspforce_newton_steps(const graspforce_servo* servo);
 GRASPFORCE_API double graspforce_decrement(const graspforce_servo* servo);
 // The least relative violation of an infeasible tick.
 GRASPFORCE_API double graspforce_violation(const graspforce_servo* servo);
-// 1 where the tick is INFEASIBLE, WRENCH_UNREACHABLE or ON_EDGE and the forces, strictly inside every
-// cone and limit, make the wrench nearest to f: to hold them is better than to let go. Else 0.
+// 1 where the tick is INFEASIBLE, WRENCH_UNREACHABLE or ON_EDGE and the forces, strictly inside
+// every cone and limit, make the wrench nearest to f: to hold them is better than to let go. Else
+// 0.
 GRASPFORCE_API int graspforce_nearest(const graspforce_servo* servo);
 GRASPFORCE_API double graspforce_elapsed_us(const graspforce_servo* servo);  // with a budget_us
 
