@@ -270,8 +270,10 @@ def test_the_reference_solves_a_batch(four_fingers):
 
 def test_ctrl_c_stops_a_batch(four_fingers):
     program = """
+import signal
 import numpy as np, graspforce as gf
 from graspforce.scenarios.random import grasps
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a shell's background
 problem = grasps(1)[0]
 W = np.broadcast_to(problem.W, (3_000_000, 6, 12))
 f = np.broadcast_to(problem.f * 1000, (3_000_000, 6))  # each takes the engine
