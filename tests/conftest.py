@@ -4,6 +4,7 @@ import contextlib
 import functools
 import inspect
 import os
+import signal
 import tempfile
 from pathlib import Path
 
@@ -27,6 +28,9 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 os.environ["PYTHONIOENCODING"] = "utf-8"
 for variable in ("COLUMNS", "LINES", "FORCE_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
     os.environ.pop(variable, None)
+# A shell starts what runs in its background with SIGINT ignored, and so would the commands be.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 BACKENDS = ("reference", "native")
 NOBODY = 65534  # the user of that name

@@ -201,11 +201,12 @@ def _written(shape: tuple[int | str, ...]) -> str:
 
 def _is_masked(value: object) -> bool:
     """Tell whether NumPy would drop a mask: of the array itself, or of the rows of a list."""
-    module = sys.modules.get("numpy.ma")  # NumPy imports it at first use
-    if module is None:
+    # NumPy imports it at first use. Until another thread that does so is through, there are none.
+    masked = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
+    if masked is None:
         return False
     rows = cast("Sequence[object]", value) if isinstance(value, list | tuple) else (value,)
-    return any(isinstance(row, module.MaskedArray) for row in rows)
+    return any(isinstance(row, masked) for row in rows)
 
 
 def as_positive(value: float, name: str, unit: str = "") -> float:
