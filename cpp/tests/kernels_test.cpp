@@ -203,8 +203,8 @@ static void the_engine_chooses_by_size_and_coupling() {
   EXPECT(chosen(5, Model::PCWF, 6, leave) == Kind::Lanes3Plain);
   EXPECT(chosen(5, Model::SFC, 3, leave) == Kind::Lanes4Plain);
   const auto soften = [](RandomGrasp& grasp, Random&) { grasp.data.f_soft[1] = 0.1; };
-  EXPECT(chosen(4, Model::PCWF, 6, soften, true) == Kind::Lanes3Small);
-  EXPECT(chosen(4, Model::SFC, 6, soften, true) == Kind::Lanes4Small);
+  EXPECT(chosen(4, Model::PCWF, 6, soften, true) == Kind::Lanes3Soft);
+  EXPECT(chosen(4, Model::SFC, 6, soften, true) == Kind::Lanes4Soft);
   EXPECT(chosen(4, Model::PCWF, 6, couple) == Kind::General);
   EXPECT(chosen(4, Model::PCWF, 7, nothing) == Kind::General);
 }
@@ -213,8 +213,8 @@ int main() {
   the_engine_chooses_by_size_and_coupling();
   steps_of_least_squares_are_stationary();
   Random random(5);
-  int compared = 0, kernels[7] = {}, close = 0;
-  for (int trial = 0; trial < 5000; ++trial) {
+  int compared = 0, kernels[9] = {}, close = 0;
+  for (int trial = 0; trial < 6000; ++trial) {
     Layout layout = random_layout(random, 12);
     layout.pulls = false;  // which kernels do not see
     layout.internals = 0;  // which general blocks alone have
@@ -260,10 +260,12 @@ int main() {
     const auto count = [&](auto kernel) { return kernel(general, layout, structure, problem, c); };
     kernels[1] += count(lanes<3, Grasps::Plain>);
     kernels[2] += count(lanes<4, Grasps::Plain>);
-    kernels[3] += count(lanes<3, Grasps::Small>);
-    kernels[4] += count(lanes<4, Grasps::Small>);
-    kernels[5] += count(lanes<3, Grasps::Any>);
-    kernels[6] += count(lanes<4, Grasps::Any>);
+    kernels[3] += count(lanes<3, Grasps::Soft>);
+    kernels[4] += count(lanes<4, Grasps::Soft>);
+    kernels[5] += count(lanes<3, Grasps::Small>);
+    kernels[6] += count(lanes<4, Grasps::Small>);
+    kernels[7] += count(lanes<3, Grasps::Any>);
+    kernels[8] += count(lanes<4, Grasps::Any>);
   }
   for (int count : kernels) EXPECT(count > 100);  // every kernel has been looked at
   EXPECT(close > 100);

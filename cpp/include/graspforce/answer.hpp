@@ -118,13 +118,8 @@ struct Answer {
 
   bool finite() const {
     const auto is_finite = [](double number) { return std::isfinite(number); };
-    return std::all_of(c.begin(), c.end(), is_finite) && multipliers_finite();
-  }
-  // In few instructions: ticks of a soft wrench ask.
-  bool multipliers_finite() const {
-    double zero = 0;
-    for (double multiplier : nu) zero += 0 * multiplier;
-    return zero == 0;
+    return std::all_of(c.begin(), c.end(), is_finite) &&
+           std::all_of(nu.begin(), nu.end(), is_finite);
   }
 };
 

@@ -153,9 +153,9 @@ class Engine {
       }
     });
     Result& result = answer_.result;
-    // The multiplier of a soft row, (f − W c)/F², may overflow where the forces are fine.
-    if (result.status != Status::Solved ? !answer_.finite()
-                                        : layout_.soft_wrench && !answer_.multipliers_finite()) {
+    // A certified answer is finite, or its decrement were not: those of the slacks of soft rows,
+    // whose multipliers (f − W c)/F² may overflow where the forces are fine, count in it.
+    if (result.status != Status::Solved && !answer_.finite()) {
       answer_.clear(Status::InvalidNumbers);
       minimal_ = unfinished_ = false;
     }

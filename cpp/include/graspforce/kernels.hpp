@@ -8,13 +8,25 @@ namespace graspforce {
 
 class Kernels {
  public:
-  enum class Kind { General, Lanes3Plain, Lanes4Plain, Lanes3Small, Lanes4Small, Lanes3, Lanes4 };
+  enum class Kind {
+    General,
+    Lanes3Plain,
+    Lanes4Plain,
+    Lanes3Soft,
+    Lanes4Soft,
+    Lanes3Small,
+    Lanes4Small,
+    Lanes3,
+    Lanes4,
+  };
 
   explicit Kernels(const Layout& layout)
       : layout_(layout),
         structure_(layout),
         lanes3_plain_(layout),
         lanes4_plain_(layout),
+        lanes3_soft_(layout),
+        lanes4_soft_(layout),
         lanes3_small_(layout),
         lanes4_small_(layout),
         lanes3_(layout),
@@ -44,6 +56,8 @@ class Kernels {
     };
     prefer(lanes3_plain_, Kind::Lanes3Plain);
     prefer(lanes4_plain_, Kind::Lanes4Plain);
+    prefer(lanes3_soft_, Kind::Lanes3Soft);
+    prefer(lanes4_soft_, Kind::Lanes4Soft);
     prefer(lanes3_small_, Kind::Lanes3Small);
     prefer(lanes4_small_, Kind::Lanes4Small);
     prefer(lanes3_, Kind::Lanes3);
@@ -63,6 +77,10 @@ class Kernels {
         return load_and_work(lanes3_plain_);
       case Kind::Lanes4Plain:
         return load_and_work(lanes4_plain_);
+      case Kind::Lanes3Soft:
+        return load_and_work(lanes3_soft_);
+      case Kind::Lanes4Soft:
+        return load_and_work(lanes4_soft_);
       case Kind::Lanes3Small:
         return load_and_work(lanes3_small_);
       case Kind::Lanes4Small:
@@ -93,6 +111,8 @@ class Kernels {
   // For grasps without coupled contacts; the threes without soft fingers.
   LaneBarrier<3, Grasps::Plain> lanes3_plain_;
   LaneBarrier<4, Grasps::Plain> lanes4_plain_;
+  LaneBarrier<3, Grasps::Soft> lanes3_soft_;
+  LaneBarrier<4, Grasps::Soft> lanes4_soft_;
   LaneBarrier<3, Grasps::Small> lanes3_small_;
   LaneBarrier<4, Grasps::Small> lanes4_small_;
   LaneBarrier<3, Grasps::Any> lanes3_;

@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <vector>
 
 #include "graspforce/lane_group.hpp"
@@ -22,6 +23,7 @@ namespace graspforce {
 // Which grasps a barrier is compiled for.
 enum class Grasps {
   Plain,  // at most four contacts, no rate limits, no soft wrench: a tick 4 % shorter than by Small
+  Soft,   // at most four contacts, no rate limits, a soft wrench
   Small,  // at most four contacts
   Any,
 };
@@ -29,7 +31,7 @@ enum class Grasps {
 template <int Q, Grasps grasps>
 class LaneBarrier {
   static constexpr bool single = grasps != Grasps::Any;  // one group
-  static constexpr bool plain = grasps == Grasps::Plain;
+  static constexpr bool unrated = grasps == Grasps::Plain || grasps == Grasps::Soft;
 
  public:
   explicit LaneBarrier(const Layout& layout) : layout_(layout) {
@@ -45,7 +47,8 @@ class LaneBarrier {
     // block.
     if (layout.internals > 0 || layout.cone_weights) return false;
     if (single && structure.blocks().size() > kLanes) return false;
-    if (plain && (layout.rate_limits || layout.soft_wrench)) return false;
+    if (unrated && layout.rate_limits) return false;
+    if (grasps == (layout.soft_wrench ? Grasps::Plain : Grasps::Soft)) return false;
     for (const Block& block : structure.blocks())
       if (block.contacts.size() > 1 || block.components.size() > Q) return false;
     return true;
@@ -235,8 +238,10 @@ class LaneBarrier {
     if (!evaluate<false>()) return kInfinity;
     Lanes rhs[kWrench] = {};
     for (Group& group : *this) group.template add_gradient<false>(rhs, group.H, group.inverse);
-    for (int r = 0; r < kWrench; ++r)
-      nu_[r] = is_soft() ? sum(rhs[r]) + slacks_.pull(r) : sum(rhs[r]);
+    Lanes high = sums(rhs[0], rhs[1], rhs[2], rhs[3]), low = sums(rhs[4], rhs[5], Lanes{}, Lanes{});
+    if (is_soft()) slacks_.pull(high, low);
+    std::memcpy(nu_, &high, sizeof high);
+    std::memcpy(nu_ + kLanes, &low, sizeof low);
     system_.solve(nu_);
     Lanes squared = {};
     if (is_soft()) squared += slacks_.step(nu_);
@@ -248,9 +253,9 @@ class LaneBarrier {
   }
 
  private:
-  using Group = LaneGroup<Q, plain>;
+  using Group = LaneGroup<Q, unrated>;
 
-  bool is_soft() const { return !plain && layout_.soft_wrench; }
+  bool is_soft() const { return unrated ? grasps == Grasps::Soft : layout_.soft_wrench; }
 
   // The groups in use.
   Group* begin() { return single ? &only_ : groups_.data(); }
@@ -277,7 +282,9 @@ class LaneBarrier {
     double f[kWrench];
     std::copy_n(f_, kWrench, f);
     slacks_.subtract(last_nu, f);
-    return newton(f);
+    const double lambda = newton(f);
+    slacks_.restore(last_nu);
+    return lambda;
   }
 
   // Gives the slack of every soft row what the forces leave of it.
@@ -290,7 +297,6 @@ class LaneBarrier {
 
   template <bool with_hessian>
   bool evaluate() {
-    if (is_soft()) slacks_.evaluate(cone_weight_);
     Lanes worst = splat(kInfinity);
     for (Group& group : *this)
       worst =

@@ -39,7 +39,7 @@ struct LaneRow {
 
 // Up to four contacts of up to Q components. A contact of fewer components has columns of zeros in
 // W and J for the rest: its barrier is that of the larger cone with nothing to move it sideways.
-template <int Q, bool plain, class V = Lanes>
+template <int Q, bool unrated, class V = Lanes>
 struct LaneGroup {
   using Row = LaneRow<Q, V>;
   static constexpr int kLower = Q * (Q + 1) / 2;
@@ -69,8 +69,8 @@ struct LaneGroup {
 
   V weight(int i) const { return i == 3 ? torsion : splat<V>(1); }
 
-  // Whether there are rate limits; compiled away from the kernels of plain grasps.
-  static bool rates(const Layout& layout) { return !plain && layout.rate_limits; }
+  // Whether there are rate limits; compiled away from kernels of grasps without.
+  static bool rates(const Layout& layout) { return !unrated && layout.rate_limits; }
 
   // ---- which contacts stand in the lanes -----------------------------------------------------
 
