@@ -39,12 +39,13 @@ int main(int, char** arguments) {
     const Status status = servo.tick();
     const auto solved = Clock::now();
     for (int j = 0; j < layout.joints; ++j) tau[j] = servo.torque(j);
-    motors.write(data, tau.data());
+    motors.write(data, tau.data(), 1e-3);
     const auto sent = Clock::now();
     if (status != Status::Solved) return 1;
     const Clock::time_point times[] = {start, read, solved, sent};
     for (int i = 0; i < 3; ++i)
-      parts[i].push_back(std::chrono::duration<double, std::micro>(times[i + 1] - times[i]).count());
+      parts[i].push_back(
+          std::chrono::duration<double, std::micro>(times[i + 1] - times[i]).count());
   }
   std::printf("%g %g %g\n", tenth(parts[0]), tenth(parts[1]), tenth(parts[2]));
   mj_deleteData(data);

@@ -122,9 +122,9 @@ class Mirror:
         self.mu[slots[slots >= 0]] = reader.friction[0][slots >= 0]
         self.gamma[slots[slots >= 0]] = np.maximum(reader.friction[1][slots >= 0], 1e-6)
 
-    def tick(self, qpos, qvel, f, first):
+    def tick(self, qpos, qvel, act, f, first):
         """Return contact forces, torques and controls in a state."""
-        self.data.qpos[:], self.data.qvel[:] = qpos, qvel
+        self.data.qpos[:], self.data.qvel[:], self.data.act[:] = qpos, qvel, act
         mujoco.mj_forward(self.model, self.data)
         self.read()
         book, own = self.book, self.holding
@@ -166,7 +166,7 @@ class Mirror:
             self.tau = self.servo.solution.motor_forces
         every = hand.tau_bias.copy()
         every[own] = self.tau
-        self.motors.write(self.data, every, self.model.opt.timestep)
+        self.motors.write(self.data, every, self.model.opt.timestep, at_once=first)
         return self.servo.c, self.tau, self.data.ctrl
 
 
@@ -175,12 +175,12 @@ def test_cpp_loop_has_the_numbers_of_python_and_holds(name, example, closed_scen
     model, path = closed_scene(name)
     lines = np.loadtxt(run(example, path, "object", TICKS).splitlines())
     assert len(lines) == TICKS
-    mirror, nq, nv = Mirror(model), model.nq, model.nv
+    mirror, nq, nv, na = Mirror(model), model.nq, model.nv, model.na
     n, m = int(mirror.holding.sum()), int(mirror.dims.sum())
-    rows = lines.shape[1] - nq - nv - m - n - model.nu
+    rows = lines.shape[1] - nq - nv - na - m - n - model.nu
     for tick, line in enumerate(lines):
-        qpos, qvel, f, c, tau, ctrl = np.split(line, np.cumsum([nq, nv, rows, m, n]))
-        expected = mirror.tick(qpos, qvel, f, tick == 0)
+        qpos, qvel, act, f, c, tau, ctrl = np.split(line, np.cumsum([nq, nv, na, rows, m, n]))
+        expected = mirror.tick(qpos, qvel, act, f, tick == 0)
         for mine, theirs in zip((c, tau, ctrl), expected, strict=True):
             assert_allclose(mine, theirs, rtol=0, atol=1e-9, err_msg=f"tick {tick}")
     place = model.jnt_qposadr[model.body("object").jntadr[0]]
@@ -190,7 +190,7 @@ def test_cpp_loop_has_the_numbers_of_python_and_holds(name, example, closed_scen
 
 def test_cpp_loop_allocates_nothing(closed_scene, tmp_path):
     program = with_mujoco("cpp/tests/mujoco_test.cpp", tmp_path / "mujoco_test")
-    for name in ("leap", "shadow", "inspire"):
+    for name in ("leap", "shadow", "two_finger_linkage", "palm"):
         assert "passed" in run(program, closed_scene(name)[1], "object")
 
 

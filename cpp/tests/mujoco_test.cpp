@@ -40,7 +40,7 @@ int main(int, char** arguments) {
     motors.limits(data, servo.tau_lo, servo.tau_hi);
     const Status status = servo.tick();
     for (int j = 0; j < layout.joints; ++j) tau[j] = servo.torque(j);
-    motors.write(data, tau.data());
+    motors.write(data, tau.data(), model->opt.timestep);
     most = std::max(most, allocations.load() - before);
     data->ncon = contacts;
     EXPECT(read);

@@ -2,8 +2,8 @@
 //
 //     mujoco_loop scene.xml cube 1000
 //
-// for so many steps, from the model's first keyframe, in which the fingers touch the object. Prints a
-// line a tick, all digits: state, wrench, contact forces, torques, controls.
+// for so many steps, from the model's first keyframe, in which the fingers touch the object. Prints
+// a line a tick, all digits: state, wrench, contact forces, torques, controls.
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -78,9 +78,10 @@ static int hold(const mjModel* model, mjData* data, const char* object, int tick
     const Status status = servo.tick();
     if (status == Status::Solved || servo.result().nearest)  // else the last torques stay
       for (int j = 0; j < layout.joints; ++j) tau[j] = servo.torque(j);
-    motors.write(data, tau.data());
     print(data->qpos, model->nq);
     print(data->qvel, model->nv);
+    print(data->act, model->na);
+    motors.write(data, tau.data(), dt, tick == 0);
     print(servo.f.data(), layout.wrench_rows);
     print(servo.c().data(), servo.c().size());
     print(tau.data(), layout.joints);
@@ -100,8 +101,8 @@ int main(int count, char** arguments) {
   const std::size_t size = std::strlen(path);
   const bool compiled = size > 4 && std::strcmp(path + size - 4, ".mjb") == 0;
   char error[1000] = "not a model that MuJoCo reads";
-  mjModel* const model = compiled ? mj_loadModel(path, nullptr)
-                                  : mj_loadXML(path, nullptr, error, sizeof error);
+  mjModel* const model =
+      compiled ? mj_loadModel(path, nullptr) : mj_loadXML(path, nullptr, error, sizeof error);
   if (model == nullptr) {
     std::fprintf(stderr, "%s: %s\n", path, error);
     return 1;

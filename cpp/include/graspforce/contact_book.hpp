@@ -1,11 +1,11 @@
 // The contacts that a loop counts on: matched between ticks, of a fixed number, without jumps.
 //
-// A simulator lists a contact only while two bodies overlap, and a tactile sensor is noisy: contacts
-// flicker, change their order, come and go. A Servo wants a problem of one layout whose numbers
-// change little. The book has a fixed number of slots for each link of the hand. What touches is
-// matched to the slots by link and place on the object; a slot whose contact is missing keeps its
-// last place for a while, and the engagement of a slot (Section III-C.3 of the paper) rises and
-// falls by a ramp. The same as graspforce.control.ContactBook in Python.
+// A simulator lists a contact only while two bodies overlap, and a tactile sensor is noisy:
+// contacts flicker, change their order, come and go. A Servo wants a problem of one layout whose
+// numbers change little. The book has a fixed number of slots for each link of the hand. What
+// touches is matched to the slots by link and place on the object; a slot whose contact is missing
+// keeps its last place for a while, and the engagement of a slot (Section III-C.3 of the paper)
+// rises and falls by a ramp. The same as graspforce.control.ContactBook in Python.
 #pragma once
 
 #include <algorithm>
@@ -43,8 +43,7 @@ struct ObjectPose {
     return {dot(rotation[0], v), dot(rotation[1], v), dot(rotation[2], v)};
   }
   Vector3 to_object(const Vector3& v) const {
-    return plus(plus(times(v[0], rotation[0]), times(v[1], rotation[1])),
-                times(v[2], rotation[2]));
+    return plus(plus(times(v[0], rotation[0]), times(v[1], rotation[1])), times(v[2], rotation[2]));
   }
 };
 
@@ -91,9 +90,7 @@ class ContactBook {
   int size() const { return static_cast<int>(slots_.size()); }
   int link(int slot) const { return slots_[slot].link; }
   // Where the slot's contact is or last was, world axes [m].
-  Vector3 point(int slot) const {
-    return plus(pose_.position, pose_.to_world(slots_[slot].point));
-  }
+  Vector3 point(int slot) const { return plus(pose_.position, pose_.to_world(slots_[slot].point)); }
   // Its normal (into the object), x and y, world axes. x turns no more than the normal does, so
   // that forces of one tick mean the same in the next.
   Matrix3 axes(int slot) const {
@@ -116,8 +113,8 @@ class ContactBook {
   // many contacts, numbers that are not finite, a normal not of unit length, or a dt not above 0.
   bool update(Span<const Touch> touches, double dt, const ObjectPose& pose) {
     if (touches.size() > most_touches() || !(dt > 0) || !finite(dt)) return false;
-    for (const Vector3* each : {&pose.position, &pose.rotation[0], &pose.rotation[1],
-                                &pose.rotation[2]})
+    for (const Vector3* each :
+         {&pose.position, &pose.rotation[0], &pose.rotation[1], &pose.rotation[2]})
       if (!finite(dot(*each, *each))) return false;
     for (const Touch& each : touches)
       if (!finite(dot(each.point, each.point)) || !(std::abs(length(each.normal) - 1) <= 1e-6))
@@ -158,7 +155,8 @@ class ContactBook {
 
     void turn(const Vector3& normal) {
       Vector3 x = across(engagement == 0 ? any_tangent(normal) : axes[1], normal);
-      if (dot(x, x) < 0.01) x = across(any_tangent(normal), normal);  // the normal came to lie on it
+      if (dot(x, x) < 0.01)
+        x = across(any_tangent(normal), normal);  // the normal came to lie on it
       x = unit(x);
       axes = {normal, x, cross(normal, x)};
     }
@@ -184,8 +182,7 @@ class ContactBook {
     int first = 0;
     for (const Slots& each : links_) {
       const int end = first + each.count;
-      while (match_nearest(each.link, first, end)) {
-      }
+      while (match_nearest(each.link, first, end)) {}
       // The others are new. A slot that still lets go is not taken over: its force would jump.
       int free = first;
       for (std::size_t i = 0; i < seen_.size(); ++i) {

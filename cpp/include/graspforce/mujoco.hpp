@@ -9,17 +9,19 @@
 //     grasp.write(servo);                            // W, J, tau_bias, engagement, mu, gamma
 //     motors.limits(data, servo.tau_lo, servo.tau_hi);
 //     servo.tick();
-//     motors.write(data, tau);
+//     motors.write(data, tau, dt);
 //     mj_step2(model, data);
 //
 // The same numbers as graspforce.hands.MujocoGrasp, control.ContactBook and hands.MujocoMotors in
-// Python. After the constructors nothing allocates or throws. What they do not know they refuse with
-// std::invalid_argument: closed linkages, adhesion, actuators that lag behind their control, motors
-// that are more than the motions that they move. Of joints at their stops nothing is known here.
+// Python. After the constructors nothing allocates or throws. What they do not know they refuse
+// with std::invalid_argument: adhesion, actuators whose force does not follow from their control,
+// motors that are more than the motions that they move. Of joints at their stops nothing is known
+// here.
 #pragma once
 
 #include <mujoco/mujoco.h>
 
+#include "graspforce/linkages.hpp"
 #include "graspforce/robot_grasp.hpp"
 
 #if mjVERSION_HEADER < 3017000
@@ -40,10 +42,27 @@ inline std::string name_of(const mjModel* model, mjtObj kind, int number) {
   throw std::invalid_argument(what + ": got " + came + ", expected " + expected);
 }
 
+inline bool moves(const mjModel* model, int dof, int body) {
+  for (; body > 0; body = model->body_parentid[body])
+    if (dof >= model->body_dofadr[body] &&
+        dof < model->body_dofadr[body] + model->body_dofnum[body])
+      return true;
+  return false;
+}
+
+// Whether a connect or weld ties a degree of freedom: that moves one of its bodies and not the
+// other. Those above both have no part in a loop, whatever its gap.
+inline bool ties(const mjModel* model, int equality, int dof) {
+  int bodies[] = {model->eq_obj1id[equality], model->eq_obj2id[equality]};
+  for (int& body : bodies)
+    if (model->eq_objtype[equality] == mjOBJ_SITE) body = model->site_bodyid[body];
+  return moves(model, dof, bodies[0]) != moves(model, dof, bodies[1]);
+}
+
 // A joint or a tendon with motors.
 struct Drive {
   bool tendon = false;
-  int target = -1;            // its number
+  int target = -1;             // its number
   std::vector<int> actuators;  // in the order of the model
 
   std::string name(const mjModel* model) const {
@@ -57,17 +76,19 @@ inline std::vector<Drive> drives(const mjModel* model) {
   for (int i = 0; i < model->nactuator; ++i) {
     const int kind = model->actuator_trntype[i], target = model->actuator_trnid[2 * i];
     const bool tendon = kind == mjTRN_TENDON;
-    const bool joint = (kind == mjTRN_JOINT || kind == mjTRN_JOINTINPARENT) &&
-                       (model->jnt_type[target] == mjJNT_HINGE ||
-                        model->jnt_type[target] == mjJNT_SLIDE);
+    const bool joint =
+        (kind == mjTRN_JOINT || kind == mjTRN_JOINTINPARENT) &&
+        (model->jnt_type[target] == mjJNT_HINGE || model->jnt_type[target] == mjJNT_SLIDE);
     if (!(tendon || joint) || model->actuator_gear[6 * model->actuator_outadr[i]] == 0)
-      refuse("actuator '" + name_of(model, mjOBJ_ACTUATOR, i) + "'", "one without a joint or tendon",
+      refuse("actuator '" + name_of(model, mjOBJ_ACTUATOR, i) + "'",
+             "one without a joint or tendon",
              "a motor or servo of a hinge, a slide or a tendon, with a gear");
     const auto same = [&](const Drive& each) {
       return each.tendon == tendon && each.target == target;
     };
     const auto at = std::find_if(found.begin(), found.end(), same);
-    (at == found.end() ? found.emplace_back(Drive{tendon, target, {}}) : *at).actuators.push_back(i);
+    (at == found.end() ? found.emplace_back(Drive{tendon, target, {}}) : *at)
+        .actuators.push_back(i);
   }
   return found;
 }
@@ -75,10 +96,12 @@ inline std::vector<Drive> drives(const mjModel* model) {
 }  // namespace mujoco
 
 // What to send to a model's actuators so that they make wanted torques: motors, position and
-// velocity servos, and other `general` actuators without dynamics whose gain and bias are fixed or
-// affine. They make the force gain·u + bias, cut off at their forcerange, so a servo is told the
-// position at which it makes the torque, and as far as its ctrlrange reaches is its limit. Several
-// of one joint or tendon share its torque in proportion to what each can give.
+// velocity servos, cylinders, muscles, and other `general` actuators with fixed or affine gain and
+// bias. They make the force gain·x + bias, cut off at their forcerange; x is the control or, of
+// actuators that lag behind it, a state that follows it. So a servo is told the position at which
+// it makes the torque, and as far as its ctrlrange reaches is its limit; an actuator that lags is
+// told to go further. Several of one joint or tendon share its torque in proportion to what each
+// can give.
 class MujocoMotors {
  public:
   // Throws std::invalid_argument for a name that has no motor, an actuator of another kind, or one
@@ -126,8 +149,9 @@ class MujocoMotors {
     }
   }
 
-  // Sets the controls that make torques, within the limits.
-  void write(mjData* data, const double* tau) const {
+  // Sets the controls that make torques, within the limits; of actuators that lag, by the end of
+  // dt, as long as these controls stay [s]; or `at_once`, as for a simulation that begins.
+  void write(mjData* data, const double* tau, double dt, bool at_once = false) const {
     for (int i = 0; i < size(); ++i) {
       const Drive& drive = drives_[i];
       const double wanted = std::clamp(tau[i], drive.own.low, drive.own.high);
@@ -145,8 +169,11 @@ class MujocoMotors {
         double torque = each.low + share * (each.high - each.low);
         if (!(std::abs(torque) < kNone)) torque = wanted / drive.count;  // no limit of its own
         const double force = torque / motor.gear - now.bias;
-        data->ctrl[motor.input] =
-            std::clamp(now.gain == 0 ? 0 : force / now.gain, motor.control.low, motor.control.high);
+        double x = now.gain == 0 ? 0 : force / now.gain;
+        x = std::clamp(x, motor.reach.low, motor.reach.high);
+        if (motor.state >= 0 && at_once) data->act[motor.state] = x;
+        if (motor.state >= 0) x = led(data, motor, x, dt);
+        data->ctrl[motor.input] = std::clamp(x, motor.control.low, motor.control.high);
       }
     }
   }
@@ -183,7 +210,9 @@ class MujocoMotors {
   struct Motor {
     int output, input;
     double gear, gain[3], bias[3];  // of 1, length, velocity
-    Range control, force;
+    Range control, force, reach;    // of x
+    int number, state;              // −1 where x is the control
+    bool muscle;
   };
   struct Drive {
     int first, count;
@@ -192,43 +221,85 @@ class MujocoMotors {
 
   Motor motor(int i) const {
     const int gain = model_->actuator_gaintype[i], bias = model_->actuator_biastype[i];
-    const bool known = (gain == mjGAIN_FIXED || gain == mjGAIN_AFFINE) &&
-                       (bias == mjBIAS_NONE || bias == mjBIAS_AFFINE) &&
-                       model_->actuator_dyntype[i] == mjDYN_NONE && model_->actuator_ctrlnum[i] == 1;
+    const int dynamics = model_->actuator_dyntype[i];
+    const bool known =
+        (gain == mjGAIN_FIXED || gain == mjGAIN_AFFINE || gain == mjGAIN_MUSCLE) &&
+        (bias == mjBIAS_NONE || bias == mjBIAS_AFFINE || bias == mjBIAS_MUSCLE) &&
+        (dynamics == mjDYN_NONE || dynamics == mjDYN_INTEGRATOR || dynamics == mjDYN_FILTER ||
+         dynamics == mjDYN_FILTEREXACT || dynamics == mjDYN_MUSCLE) &&
+        model_->actuator_ctrlnum[i] == 1;
     if (!known)
       mujoco::refuse("actuator '" + mujoco::name_of(model_, mjOBJ_ACTUATOR, i) + "'",
-                     "dynamics, or a gain or bias that is neither fixed nor affine",
-                     "a <motor>, <position> or <velocity> without a time constant");
-    Motor found{model_->actuator_outadr[i], model_->actuator_ctrladr[i], 0, {}, {}, {}, {}};
+                     "one whose force does not follow from its control in a way known here",
+                     "a <motor> or <position> in its place");
+    Motor found{};
+    found.number = i;
+    found.output = model_->actuator_outadr[i];
+    found.input = model_->actuator_ctrladr[i];
     found.gear = model_->actuator_gear[6 * found.output];
+    found.muscle = gain == mjGAIN_MUSCLE;
     for (int k = 0; k < 3; ++k) {
-      if (k == 0 || gain == mjGAIN_AFFINE)
-        found.gain[k] = model_->actuator_gainprm[mjNGAIN * i + k];
+      if (k == 0 || gain != mjGAIN_FIXED) found.gain[k] = model_->actuator_gainprm[mjNGAIN * i + k];
       if (bias == mjBIAS_AFFINE) found.bias[k] = model_->actuator_biasprm[mjNBIAS * i + k];
     }
     if (model_->actuator_ctrllimited[found.input])
-      found.control = {model_->actuator_ctrlrange[2 * found.input],
-                       model_->actuator_ctrlrange[2 * found.input + 1]};
-    if (model_->actuator_forcelimited[i])
-      found.force = {model_->actuator_forcerange[2 * i], model_->actuator_forcerange[2 * i + 1]};
+      found.control = at(model_->actuator_ctrlrange, found.input);
+    if (model_->actuator_forcelimited[i]) found.force = at(model_->actuator_forcerange, i);
+    found.state = model_->actuator_actnum[i] > 0
+                      ? model_->actuator_actadr[i] + model_->actuator_actnum[i] - 1
+                      : -1;
+    // A state is confined by its own range; that of a filter by its control's, too.
+    if (model_->actuator_actlimited[i]) found.reach = at(model_->actuator_actrange, i);
+    if (found.state < 0 || dynamics != mjDYN_INTEGRATOR)
+      found.reach = {std::max(found.reach.low, found.control.low),
+                     std::min(found.reach.high, found.control.high)};
+    if (found.muscle) found.reach = {0, 1};
     return found;
   }
+  static Range at(const mjtNum* ranges, int i) { return {ranges[2 * i], ranges[2 * i + 1]}; }
 
-  static Affine affine(const mjData* data, const Motor& motor) {
+  Affine affine(const mjData* data, const Motor& motor) const {
     const double length = data->actuator_length[motor.output];
     const double rate = data->actuator_velocity[motor.output];
+    if (motor.muscle) {
+      const mjtNum* const between = model_->actuator_lengthrange + 2 * motor.output;
+      const double strength = model_->actuator_acc0[motor.output];
+      return {mju_muscleGain(length, rate, between, strength,
+                             model_->actuator_gainprm + mjNGAIN * motor.number),
+              mju_muscleBias(length, between, strength,
+                             model_->actuator_biasprm + mjNBIAS * motor.number)};
+    }
     return {motor.gain[0] + motor.gain[1] * length + motor.gain[2] * rate,
             motor.bias[0] + motor.bias[1] * length + motor.bias[2] * rate};
   }
 
+  // The control that brings the state of an actuator that lags to x in dt.
+  double led(const mjData* data, const Motor& motor, double x, double dt) const {
+    const mjtNum* const prm = model_->actuator_dynprm + mjNDYN * motor.number;
+    const double now = data->act[motor.state];
+    const int dynamics = model_->actuator_dyntype[motor.number];
+    if (dynamics == mjDYN_INTEGRATOR) return (x - now) / dt;
+    double tau = std::max(prm[0], 1e-9);
+    if (dynamics == mjDYN_MUSCLE) {  // of its two time constants
+      const double scale = 0.5 + 1.5 * std::clamp(now, 0., 1.);
+      tau = std::max(x > now ? prm[0] * scale : prm[1] / scale, 1e-9);
+    }
+    // The share of its way that it goes in that time.
+    const double steps = std::max(std::round(dt / model_->opt.timestep), 1.);
+    const double pace = dynamics == mjDYN_FILTEREXACT
+                            ? -std::expm1(-dt / tau)
+                            : 1 - std::pow(1 - std::min(dt / steps / tau, 1.), steps);
+    return now + (x - now) / pace;
+  }
+
   // The least and the largest torque of a motor at its joint.
-  static Range reach(const mjData* data, const Motor& motor) {
+  Range reach(const mjData* data, const Motor& motor) const {
     const Affine now = affine(data, motor);
     const auto torque = [&](double u) {
       const double force = (now.gain == 0 ? 0 : now.gain * u) + now.bias;
       return motor.gear * std::clamp(force, motor.force.low, motor.force.high);
     };
-    const double one = torque(motor.control.low), other = torque(motor.control.high);
+    const double one = torque(motor.reach.low), other = torque(motor.reach.high);
     return {std::min(one, other), std::max(one, other)};
   }
 
@@ -247,8 +318,8 @@ class MujocoMotors {
   std::vector<Motor> motors_;  // of one drive side by side
 };
 
-// The grasp that a simulation is in. The object is a body that floats, with all that hangs on it, so
-// that a robot that stands on its feet is one too.
+// The grasp that a simulation is in. The object is a body that floats, with all that hangs on it,
+// so that a robot that stands on its feet is one too.
 class MujocoGrasp : public RobotGrasp {
  public:
   struct Options {
@@ -291,7 +362,9 @@ class MujocoGrasp : public RobotGrasp {
     for (std::size_t i = 0; i < dofs_.size(); ++i) read_joint(data, static_cast<int>(i));
     read_couplings(data);
     read_drives(data);
-    if (!transmission_.update(couplings_.data(), coupling_count_, moments_.data()))
+    if (linkages_.open() > Linkages::kHopeless)
+      return fails("a closed linkage that is open by more than a tenth of its size");
+    if (!transmission_.update(linkages_.rows(), linkages_.count(), moments_.data()))
       return fails("motors that are more than the motions that they move");
     if (transmission_.free() > most_free_)
       return fails("more motions without a motor than at the start");
@@ -441,18 +514,11 @@ class MujocoGrasp : public RobotGrasp {
         ties.push_back(tie);
       }
       for (int i = 0; i < model->neq; ++i) {
-        std::vector<int> tie;
-        for (int joint : {model->eq_obj1id[i], model->eq_obj2id[i]})
-          if (model->eq_type[i] == mjEQ_JOINT && joint >= 0) tie.push_back(model->jnt_dofadr[joint]);
-        if (model->eq_type[i] == mjEQ_TENDON)
-          for (int tendon : {model->eq_obj1id[i], model->eq_obj2id[i]})
-            if (tendon >= 0)
-              for (int k = 0; k < model->ten_J_rownnz[tendon]; ++k)
-                tie.push_back(model->ten_J_colind[model->ten_J_rowadr[tendon] + k]);
-        if (!tie.empty()) {
-          ties.push_back(tie);
-          equalities.push_back(i);
-        }
+        const std::vector<int> tie = tied_by(i);
+        const bool free = std::any_of(tie.begin(), tie.end(), [&](int dof) { return floats(dof); });
+        if (tie.empty() || free) continue;  // what holds a mount or an object ties no joints
+        ties.push_back(tie);
+        equalities.push_back(i);
       }
       for (bool wider = true; wider;) {
         wider = false;
@@ -467,7 +533,8 @@ class MujocoGrasp : public RobotGrasp {
       }
       for (int dof = 0; dof < nv; ++dof)
         if (chosen[dof]) dofs.push_back(dof);
-      std::vector<std::pair<int, mujoco::Drive>> acting;  // in the order of the joints that they move
+      std::vector<std::pair<int, mujoco::Drive>>
+          acting;  // in the order of the joints that they move
       for (std::size_t i = 0; i < drives.size(); ++i) {
         int first = nv;
         for (int dof : ties[i])
@@ -483,22 +550,36 @@ class MujocoGrasp : public RobotGrasp {
       }
       if (drives.empty())
         mujoco::refuse("data", "contacts that no motor moves", "something that a motor moves");
-      refuse_linkages(chosen);
     }
 
-    // Closed linkages are left to Python.
-    void refuse_linkages(const std::vector<char>& chosen) const {
-      for (int i = 0; i < model->neq; ++i) {
-        if (model->eq_type[i] != mjEQ_CONNECT && model->eq_type[i] != mjEQ_WELD) continue;
-        int bodies[] = {model->eq_obj1id[i], model->eq_obj2id[i]};
-        for (int& body : bodies)
-          if (model->eq_objtype[i] == mjOBJ_SITE) body = model->site_bodyid[body];
+    // The degrees of freedom that an equality is between.
+    std::vector<int> tied_by(int equality) const {
+      const int kind = model->eq_type[equality];
+      const int ends[] = {model->eq_obj1id[equality], model->eq_obj2id[equality]};
+      std::vector<int> tie;
+      if (kind == mjEQ_CONNECT || kind == mjEQ_WELD)
         for (int dof = 0; dof < model->nv; ++dof)
-          if (chosen[dof] && (above[std::size_t(bodies[0]) * model->nv + dof] != 0) !=
-                                 (above[std::size_t(bodies[1]) * model->nv + dof] != 0))
-            mujoco::refuse("equality '" + mujoco::name_of(model, mjOBJ_EQUALITY, i) + "'",
-                           "a closed linkage", "joints in chains");
+          if (mujoco::ties(model, equality, dof)) tie.push_back(dof);
+      for (int end : ends) {
+        if (kind == mjEQ_JOINT && end >= 0) tie.push_back(model->jnt_dofadr[end]);
+        for (int k = 0; kind == mjEQ_TENDON && end >= 0 && k < model->ten_J_rownnz[end]; ++k)
+          tie.push_back(model->ten_J_colind[model->ten_J_rowadr[end] + k]);
       }
+      return tie;
+    }
+
+    int coupling_rows() const {
+      int rows = 0;
+      for (int each : equalities)
+        rows += model->eq_type[each] == mjEQ_WELD      ? 6
+                : model->eq_type[each] == mjEQ_CONNECT ? 3
+                                                       : 1;
+      return rows;
+    }
+    std::vector<char> turns() const {
+      std::vector<char> found;
+      for (int dof : dofs) found.push_back(model->jnt_type[model->dof_jntid[dof]] != mjJNT_SLIDE);
+      return found;
     }
   };
 
@@ -523,8 +604,9 @@ class MujocoGrasp : public RobotGrasp {
     seen.maker = bodies[maker];
     seen.geom = contact.geom[maker];
     // What legs touch with is the object's own.
-    seen.touch.link = bodies[moves[bodies[maker]] ? maker : moves[bodies[1 - maker]] ? 1 - maker
-                                                                                     : maker];
+    seen.touch.link = bodies[moves[bodies[maker]]       ? maker
+                             : moves[bodies[1 - maker]] ? 1 - maker
+                                                        : maker];
     for (int i = 0; i < 3; ++i) {
       seen.touch.point[i] = contact.pos[i];
       seen.touch.normal[i] = side * contact.frame[i];
@@ -542,8 +624,7 @@ class MujocoGrasp : public RobotGrasp {
 
   MujocoGrasp(const Opening& found, const mjData* data)
       : RobotGrasp(ContactBook(found.slots, found.options.book), found.models, found.joints,
-                   static_cast<int>(found.dofs.size()),
-                   static_cast<int>(found.equalities.size())),
+                   static_cast<int>(found.dofs.size()), found.coupling_rows()),
         model_(found.model),
         object_(found.top),
         mu_(found.options.mu),
@@ -554,10 +635,17 @@ class MujocoGrasp : public RobotGrasp {
         place_(found.model->nv, -1),
         drives_(found.drives),
         is_tie_(found.model->neq, false),
-        couplings_(found.equalities.size() * found.dofs.size()),
+        linkages_(found.turns(), found.coupling_rows(), int(found.equalities.size())),
         moments_(found.drives.size() * found.dofs.size()) {
     for (std::size_t i = 0; i < dofs_.size(); ++i) place_[dofs_[i]] = static_cast<int>(i);
-    for (int each : found.equalities) is_tie_[each] = true;
+    tied_.resize(model_->neq * dofs_.size());
+    for (int each : found.equalities) {
+      is_tie_[each] = true;
+      const int kind = model_->eq_type[each];
+      const bool loop = kind == mjEQ_CONNECT || kind == mjEQ_WELD;
+      for (std::size_t i = 0; i < dofs_.size(); ++i)
+        tied_[each * dofs_.size() + i] = !loop || mujoco::ties(model_, each, dofs_[i]);
+    }
     for (int slot = 0; slot < book_.size(); ++slot)
       for (std::size_t i = 0; i < dofs_.size(); ++i)
         acting_[slot * dofs_.size() + i] =
@@ -579,26 +667,40 @@ class MujocoGrasp : public RobotGrasp {
 
   // How active equalities between joints tie them.
   void read_couplings(const mjData* data) {
+    linkages_.clear();
+    for (int row = 0; row < data->ne;) {
+      const int equality = data->efc_id[row];
+      int end = row + 1;
+      while (end < data->ne && data->efc_id[end] == equality) ++end;
+      if (is_tie_[equality]) {
+        const int kind = model_->eq_type[equality];
+        const bool loop = kind == mjEQ_CONNECT || kind == mjEQ_WELD;
+        const int place = loop ? row + 3 : end;
+        read_coupling(data, equality, row, place,
+                      loop ? Linkages::Kind::Place : Linkages::Kind::Ratio);
+        if (place < end) read_coupling(data, equality, place, end, Linkages::Kind::Turn);
+      }
+      row = end;
+    }
+    linkages_.find();
+  }
+  void read_coupling(const mjData* data, int equality, int row, int end, Linkages::Kind kind) {
     const int n = static_cast<int>(dofs_.size());
-    coupling_count_ = 0;
-    for (int row = 0; row < data->ne; ++row) {
-      if (!is_tie_[data->efc_id[row]]) continue;
-      double* const ratio = &couplings_[std::size_t(coupling_count_) * n];
-      std::fill_n(ratio, n, 0);
-      bool any = false;
+    double gap = 0;
+    for (int r = row; r < end; ++r) gap += data->efc_pos[r] * data->efc_pos[r];
+    double* ratios = linkages_.add(kind, end - row, std::sqrt(gap));
+    const char* const tied = tied_.data() + std::size_t(equality) * n;
+    for (; row < end; ++row, ratios += n) {
       const auto put = [&](int dof, double value) {
-        if (place_[dof] < 0) return;
-        ratio[place_[dof]] = value;
-        any = any || value != 0;
+        if (const int at = place_[dof]; at >= 0 && tied[at]) ratios[at] = value;
       };
       if (mj_isSparse(model_)) {
         const int first = data->efc_J_rowadr[row];
         for (int k = first; k < first + data->efc_J_rownnz[row]; ++k)
           put(data->efc_J_colind[k], data->efc_J[k]);
       } else {
-        for (int i = 0; i < n; ++i) put(dofs_[i], data->efc_J[row * model_->nv + dofs_[i]]);
+        for (int dof : dofs_) put(dof, data->efc_J[row * model_->nv + dof]);
       }
-      coupling_count_ += any;
     }
   }
 
@@ -642,8 +744,8 @@ class MujocoGrasp : public RobotGrasp {
     const Vector3 arm = minus(origin_, {centre[0], centre[1], centre[2]});
     screws_[i] = {plus({motion[3], motion[4], motion[5]}, cross(angular, arm)), angular};
     const bool by_motor = model_->jnt_actgravcomp[model_->dof_jntid[dof]];
-    bias_[i] = data->qfrc_bias[dof] - data->qfrc_passive[dof] -
-               (by_motor ? data->qfrc_gravcomp[dof] : 0);
+    bias_[i] =
+        data->qfrc_bias[dof] - data->qfrc_passive[dof] - (by_motor ? data->qfrc_gravcomp[dof] : 0);
   }
 
   const mjModel* model_;
@@ -652,9 +754,11 @@ class MujocoGrasp : public RobotGrasp {
   std::vector<char> inside_, moves_, loose_;
   std::vector<int> dofs_, place_;
   std::vector<mujoco::Drive> drives_;
-  std::vector<char> is_tie_;  // of each equality: whether it ties joints that count
-  std::vector<double> couplings_, moments_;
-  int coupling_count_ = 0, left_out_ = 0;
+  // Of each equality: whether it ties joints that count, and which.
+  std::vector<char> is_tie_, tied_;
+  Linkages linkages_;
+  std::vector<double> moments_;
+  int left_out_ = 0;
   std::vector<Touch> touches_;
   std::vector<Friction> touching_;  // of these
   const char* problem_ = "";

@@ -2,9 +2,9 @@
 // pinocchio.hpp fill in where its joints are.
 //
 // Each joint moves by a screw, the velocity of all that it carries; what makes a contact moves by
-// those screws that carry it. So W has the contacts' wrenches, and J is their work along the screws,
-// taken by the transmission to the motors. Contacts stand in the slots of a ContactBook, so the
-// layout stays.
+// those screws that carry it. So W has the contacts' wrenches, and J is their work along the
+// screws, taken by the transmission to the motors. Contacts stand in the slots of a ContactBook, so
+// the layout stays.
 #pragma once
 
 #include <string>
@@ -60,9 +60,9 @@ class RobotGrasp {
         double* const work = &full_[std::size_t(first + d) * dofs];
         for (int dof = 0; dof < dofs; ++dof) {
           const Screw& screw = screws_[dof];
-          work[dof] = acting[dof] == 0 ? 0
-                                       : acting[dof] * (dot(force, screw.linear) +
-                                                        dot(torque, screw.angular));
+          work[dof] = acting[dof] == 0
+                          ? 0
+                          : acting[dof] * (dot(force, screw.linear) + dot(torque, screw.angular));
         }
         for (const Transmission::Entry& each : transmission_.driven())
           problem.J(first + d, each.drive) += work[each.dof] * each.ratio;

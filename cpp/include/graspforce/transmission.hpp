@@ -1,7 +1,7 @@
 // How motors move joints: one to one, through tendons, or with joints that follow others.
 //
-// Couplings (a joint that mimics another) allow only motions dq of the joints with couplings dq = 0;
-// a drive, that is a motor at a joint or on a tendon, moves by drives dq. Turned around, every
+// Couplings (a joint that mimics another) allow only motions dq of the joints with couplings dq =
+// 0; a drive, that is a motor at a joint or on a tendon, moves by drives dq. Turned around, every
 // allowed motion is
 //
 //     dq = driven dl + free dz
@@ -138,8 +138,8 @@ class Transmission {
     for (int r = 0; r < count_; ++r) most = std::max(most, basis_.norm(&rows(r, 0)));
     const int held = basis_.add_span(rows, kRank * most);
 
-    // What couplings leave of the drives, D = L Q; then driven = Qᵀ L⁻¹ moves every drive by itself,
-    // and the joints no more than that takes.
+    // What couplings leave of the drives, D = L Q; then driven = Qᵀ L⁻¹ moves every drive by
+    // itself, and the joints no more than that takes.
     std::fill(lower_.begin(), lower_.end(), 0);
     for (int d = 0; d < drives_; ++d) {
       double* const row = rows_.data();
