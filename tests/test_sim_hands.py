@@ -36,17 +36,14 @@ BOTH = "".join(f'<motor name="m{n}" joint="{n}" ctrlrange="-20 20"/>' for n in (
 
 # ---- the hands ---------------------------------------------------------------------------------
 
-# The Shadow-like hand is moved, not turned: two joints of a finger on one tendon follow a turn of
-# the object only a little way.
-MOTIONS = {name: ([0.0, 0.0, 0.02], 20.0) for name in sim.HANDS} | {"shadow": ([0, 0, -0.02], 0.0)}
+MOVE, TURN = [0.0, 0.0, 0.02], 20.0
 
 
 @pytest.fixture(scope="module", params=sim.HANDS)
 def moved(request):
     """A hand that closes on 0.2 kg, holds it, moves it by 2 cm, turns it by 20° and holds it."""
-    move, turn = MOTIONS[request.param]
     model = sim.hand_model(request.param)
-    (trial,) = sim.own(model, "object", move=move, turn=turn, duration=1.2)
+    (trial,) = sim.own(model, "object", move=MOVE, turn=TURN, duration=1.2)
     return trial, sim.run(trial)
 
 
@@ -63,9 +60,40 @@ def test_sim_hands_hold_and_move_whatever_their_motors_and_tips_are(moved):
     weight = np.array([0, 0, 0.2 * 9.81])
     assert_allclose(log.force[-100:].sum(axis=1).mean(axis=0), weight, atol=0.05)
     turned = np.degrees(log.yaw[-1] - log.yaw[0])
-    assert turned == pytest.approx(
-        MOTIONS[trial.model.names[:20].split(b"\0")[0].decode()][1], abs=1
+    assert turned == pytest.approx(TURN, abs=1)
+
+
+@pytest.mark.parametrize(("move", "turn"), [(-0.02, -20.0), (0.0, 20.0)])
+def test_sim_hands_tendons_follow_whatever_the_way(move, turn):
+    """Two joints of a finger on one tendon, which no motor moves apart."""
+    (trial,) = sim.own(
+        sim.hand_model("shadow"), "object", move=[0, 0, move], turn=turn, duration=0.8
     )
+    log = sim.run(trial)
+    assert log.verdict == "held"
+    assert 1e3 * log.position_error.max() <= 0.5
+    assert 1e3 * log.slip.max() <= 0.5
+
+
+def test_hand_loop_stops_no_finger_at_an_end():
+    """The fingers would bend beyond their range as the hand is moved up: the arm goes on alone."""
+    model = sim.hand_model("shadow")
+    (trial,) = sim.own(model, "object", move=MOVE, duration=0.8)
+    bends = [model.joint(f"{finger}J3") for finger in ("FF", "MF", "RF", "LF")]
+    data = mujoco.MjData(model)
+    data.qpos[:] = trial.start
+    mujoco.mj_forward(model, data)
+    loop = sim.HandLoop(model, data, "object", trial.motion)
+    angles = np.empty((800, len(bends)))
+    for tick in angles:
+        mujoco.mj_step1(model, data)
+        loop.step(data.time)
+        mujoco.mj_step2(model, data)
+        tick[:] = [data.qpos[joint.qposadr[0]] for joint in bends]
+    most = bends[0].range[1]
+    assert angles[0].max() < most - 0.05
+    assert angles[0].max() < angles.max() < most
+    assert_allclose(data.subtree_com[model.body("object").id], loop.target(0.8)[0], atol=1e-4)
 
 
 def test_sim_hands_change_their_forces_no_faster_than_they_may(moved):

@@ -14,7 +14,8 @@ Every tick,
 The last is one problem for hand and arm: of all joint accelerations that move the contacts as the
 object's material moves there, the one nearest, in the metric of the inertia, to a PD law on the
 posture. Fingers that can follow the object do, and the arm rests; jaws that cannot are carried by
-the arm. Joints that move nothing that touches are held by the posture law alone.
+the arm. A joint counts the heavier, the nearer it is to an end of its range, so that the arm takes
+over before a finger is stopped. Joints that move nothing that touches are held by the posture law alone.
 
 W c = f may be missed by a hundredth of the weight: two points that cannot twist the object, or a
 load beyond what the hand can hold, then leave the nearest there is. Where a tick has no answer all
@@ -59,6 +60,8 @@ _SOFTNESS = 0.01
 _GIVING_WAY = 30.0
 # Upper bound on the effective mass at a contact: towards where hand and arm can hardly go [kg].
 _MAX_INERTIA = 1e4
+# In which share of its range a joint nears an end.
+_NEAR_END = 0.15
 # How many contacts a link has room for that is no ball: what touches of a face comes and goes.
 _FACE_SLOTS = 4
 
@@ -161,6 +164,9 @@ class HandLoop:
         self._c_max = CEILING * weight if c_max is None else as_positive(c_max, "c_max", "N")
         self._mu = mu if mu is None else as_positive(mu, "mu", "")
         self._lengths = self.motors.lengths(data)
+        ranged = np.isin(model.jnt_type, (int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)))
+        ranged &= model.jnt_limited != 0
+        self._ends = np.where(ranged[:, None], model.jnt_range, (-np.inf, np.inf))
         kinds = mj.mjtIntegrator
         self._implicit = (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST))
         self._jacobian_dot = np.zeros((6, model.nv))
@@ -328,26 +334,31 @@ class HandLoop:
         gains, data = self._gains, self._data
         dofs, driven = self.reader.motion
         carrying = driven.any(axis=0)  # of motors that share a motion, those that count for it
-        M = self._inertia_of_motors(dofs, driven)[np.ix_(carrying, carrying)]
+        M, metric = (
+            each[np.ix_(carrying, carrying)] for each in self._inertia_of_motors(dofs, driven)
+        )
         off = self.motors.lengths(data) - self._lengths
         posture = -gains.posture_stiffness * off - gains.posture_damping * self.motors.rates(data)
         tau, posture = np.zeros(len(driven.T)), posture[carrying]
-        own = M @ posture
+        moving = posture
         engaged = np.flatnonzero(self.book.engagement > 0)
         rows = np.repeat(self.book.engagement > 0, self._dims)
         if len(engaged):
             wanted = self._along(acceleration, pose, engaged)
             J_here = J[np.ix_(rows, carrying)]
-            over_M = np.linalg.solve(M, J_here.T).T
+            easily = np.linalg.solve(metric, J_here.T)
             # A contact that lets go counts less and less.
             share = np.repeat(self.book.engagement[engaged], self._dims[engaged])
-            compliance = over_M @ J_here.T + np.diag(1 / (_MAX_INERTIA * share**2))
-            own = own + J_here.T @ np.linalg.solve(compliance, wanted - J_here @ posture)
-        tau[carrying] = own
+            compliance = J_here @ easily + np.diag(1 / (_MAX_INERTIA * share**2))
+            moving = posture + easily @ np.linalg.solve(compliance, wanted - J_here @ posture)
+        tau[carrying] = M @ moving
         return tau
 
-    def _inertia_of_motors(self, dofs: Indices, driven: Array) -> Array:
-        """Return the inertia that the motors move, shape (n_joints, n_joints).
+    def _inertia_of_motors(self, dofs: Indices, driven: Array) -> tuple[Array, Array]:
+        """Return the inertia that the motors move, and the metric, each (n_joints, n_joints).
+
+        The metric is the inertia with joints the heavier, the nearer they are to an end of their
+        range: the others go on in their place, and they come to rest before their stops.
 
         MuJoCo's implicit integrators take damping as of the end of a step, which is as if there
         were as much more inertia as it takes in a step. What the reader and the motors make up for
@@ -356,11 +367,24 @@ class HandLoop:
         model, data = self._model, self._data
         mj.mj_fullM(model, data, self._mass_matrix)
         M, step = self._mass_matrix[np.ix_(dofs, dofs)], float(model.opt.timestep)
-        if int(model.opt.integrator) not in self._implicit:
-            return driven.T @ M @ driven
-        M = M + step * np.diag(model.dof_damping[dofs])
-        of_motors = np.diag(step * self.motors.damping(data) * driven.any(axis=0))
-        return driven.T @ M @ driven + of_motors
+        added = np.diag(np.diag(M) * self._heavier(dofs))
+        of_motors: Array = np.zeros((driven.shape[1], driven.shape[1]))
+        if int(model.opt.integrator) in self._implicit:
+            M = M + step * np.diag(model.dof_damping[dofs])
+            of_motors = np.diag(step * self.motors.damping(data) * driven.any(axis=0))
+        inertia = driven.T @ M @ driven + of_motors
+        return inertia, inertia + driven.T @ added @ driven
+
+    def _heavier(self, dofs: Indices) -> Array:
+        """Return how many times heavier joints count as they near an end, shape (k,), from 0."""
+        joints = self._model.dof_jntid[dofs]
+        at = self._data.qpos[self._model.jnt_qposadr[joints]]
+        low, high = self._ends[joints].T
+        # Where there is no end, infinite over infinite is no number, and not near either.
+        with np.errstate(invalid="ignore"):
+            left = np.minimum(at - low, high - at) / (_NEAR_END * (high - low))
+        near = np.clip(np.where(np.isnan(left), 1.0, left), 1e-3, 1.0)
+        return 1 / near**2 - 1
 
     def _along(self, acceleration: Array, pose: Pose, engaged: Indices) -> Array:
         """Return the joints' part of the accelerations that take contacts along, (m_engaged,)."""
