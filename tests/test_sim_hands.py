@@ -101,6 +101,26 @@ def test_sim_hands_change_their_forces_no_faster_than_they_may(moved):
     assert np.abs(np.diff(log.c[1:], axis=0)).max() <= trial.gains.force_rate / trial.rate + 1e-9
 
 
+def torque_bound(trial):
+    """How much each torque may change in a tick by the forces' rate alone, shape (n_joints,)."""
+    data = mujoco.MjData(trial.model)
+    data.qpos[:] = trial.start
+    mujoco.mj_forward(trial.model, data)
+    loop = sim.HandLoop(trial.model, data, "object")
+    return np.abs(loop.reader.J).sum(axis=0) * trial.gains.force_rate / trial.rate
+
+
+@pytest.mark.parametrize("name", ["panda", "leap", "shadow"])
+def test_sim_hands_flicker_changes_torques_within_a_bound(name):
+    (trial,) = sim.own(sim.hand_model(name), "object", disturbance="dropout", duration=0.5)
+    assert trial.disturbance.dropout == 0.1
+    log = sim.run(trial)
+    steps = np.abs(np.diff(log.tau, axis=0)).max(axis=0)
+    # What moves the joints' own inertia is of the object's motion, and next to nothing at rest.
+    assert (steps <= torque_bound(trial) + 1e-3).all()
+    assert (log.tau_max > 10 * steps).all()
+
+
 @pytest.mark.parametrize("name", ["panda", "allegro"])
 def test_sim_hands_contacts_that_flicker_move_nothing(name):
     model = sim.hand_model(name)
@@ -156,8 +176,56 @@ def test_hand_loop_holds_in_ten_lines():
     commands = stepped(model, data, loop, 300)
     assert_allclose(data.body("box").xpos, before, atol=1e-5)
     # Twice the force with which two pads of friction 0.8 just hold it.
-    normal = commands[-1].solution.normal_forces.reshape(2, -1).sum(axis=1)
+    forces, links = commands[-1].solution.normal_forces, np.array(loop.links)
+    normal = [forces[links == name].sum() for name in ("left", "right")]
     assert_allclose(normal, 2 * 0.2 * 9.81 / 2 / 0.8, rtol=0.1)
+
+
+# A third pad, beside the box, that comes to touch it late.
+LATE = """<body name="late" pos="0 -.1 .1"><joint name="late" type="slide" axis="0 1 0"/>
+  <geom type="box" size=".01 .005 .01" mass=".1"/></body>"""
+
+
+def jaws_and_a_third():
+    motor = '<motor name="mlate" joint="late" ctrlrange="-20 20"/>'
+    return jaws(BOTH + motor, more=f"<worldbody>{LATE}</worldbody>")
+
+
+def test_hand_loop_counts_on_contacts_that_come_late():
+    model = jaws_and_a_third()
+    data = mujoco.MjData(model)
+    data.qpos[:] = sim.close(model, "box")
+    slide = model.joint("late").qposadr[0]
+    data.qpos[slide] = 0.0
+    mujoco.mj_forward(model, data)
+    loop = sim.HandLoop(model, data, "box")
+    assert "late" not in loop.links
+    assert not loop.holding[loop.joint_names.index("late")]
+    before = stepped(model, data, loop, 30)
+    data.qpos[slide] = 0.0752  # it stands 0.2 mm in the box
+    after = stepped(model, data, loop, 200)
+    assert "late" in loop.links
+    assert loop.holding[loop.joint_names.index("late")]
+    own = np.array(loop.links) == "late"
+    assert loop.book.engagement[own].max() == 1
+    assert not any(each.kept or each.without_slot for each in after)
+    forces = np.array([each.solution.c for each in (*before[1:], *after)])
+    assert np.abs(np.diff(forces, axis=0)).max() <= 500 * model.opt.timestep + 1e-9
+    assert after[-1].solution.normal_forces[own].max() > 0
+
+
+def test_hand_loop_says_what_it_has_no_room_for(monkeypatch):
+    monkeypatch.setattr("graspforce.sim.hand_loop._SPARE_SLOTS", 1)
+    model = jaws_and_a_third()
+    data = mujoco.MjData(model)
+    data.qpos[:] = sim.close(model, "box")
+    slide = model.joint("late").qposadr[0]
+    data.qpos[slide] = 0.0
+    mujoco.mj_forward(model, data)
+    loop = sim.HandLoop(model, data, "box")
+    assert stepped(model, data, loop, 5)[-1].without_slot == 0
+    data.qpos[slide] = 0.0752
+    assert stepped(model, data, loop, 2)[-1].without_slot == 3  # of four corners
 
 
 def test_hand_loop_ticks_without_an_answer_keep_the_last_torques():

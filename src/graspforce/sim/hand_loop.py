@@ -64,6 +64,8 @@ _MAX_INERTIA = 1e4
 _NEAR_END = 0.15
 # How many contacts a link has room for that is no ball: what touches of a face comes and goes.
 _FACE_SLOTS = 4
+# How many contacts there is room for that come late, of links that do not touch at the start.
+_SPARE_SLOTS = 4
 
 
 class Seen(NamedTuple):
@@ -87,6 +89,8 @@ class HandCommand(NamedTuple):
     solution: Solution
     kept: bool
     """Whether the tick found no forces, not even for the nearest wrench; ``tau`` is older then."""
+    without_slot: int
+    """How many contacts came late and found no slot free: they are not counted on."""
 
 
 class HandLoop:
@@ -176,6 +180,7 @@ class HandLoop:
             raise InvalidInputError(
                 f"data: nothing touches {body!r}, expected fingers in contact: see sim.close"
             )
+        self._bodies: Indices = np.zeros(0, dtype=np.intp)  # of the slots
         self._open_book(seen, pose)
         arm = float(np.linalg.norm(seen.points - pose.position, axis=1).max())
         self._soft = softness(weight, arm)
@@ -226,6 +231,7 @@ class HandLoop:
         self.book.update(
             seen.points, seen.normals, seen.bodies.tolist(), self._dt, pose.position, pose.rotation
         )
+        self._look_at_links()
         self._count_on(seen)
         W, hand = self.reader.maps(
             self.book.points, self.book.frames.transpose(0, 2, 1), self._dims, self._bodies
@@ -238,7 +244,8 @@ class HandLoop:
             tau = bias.copy()
             tau[self.holding] = solution.motor_forces
             self._tau = tau
-        return HandCommand(np.clip(self._tau, self.tau_lo, self.tau_hi), solution, kept)
+        within = np.clip(self._tau, self.tau_lo, self.tau_hi)
+        return HandCommand(within, solution, kept, self.book.without_slot)
 
     def target(self, t: float) -> tuple[Array, Array]:
         """Return where the object should be at time t [s], and how turned."""
@@ -247,8 +254,10 @@ class HandLoop:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """The body that makes the contact of each slot."""
-        return tuple(self._model.body(int(each)).name for each in self._bodies)
+        """The body that makes the contact of each slot; "" for a spare one not taken yet."""
+        return tuple(
+            "" if link is None else self._model.body(link).name for link in self.book.links
+        )
 
     # ---- what it holds with --------------------------------------------------------------------
 
@@ -263,11 +272,12 @@ class HandLoop:
             slots[body] = max(int(of_body.sum()), least)
         # A force falls with its ceiling: the ramp leaves it the time that its rate needs.
         ramp = max(1.2 * self._c_max / self._gains.force_rate, self._dt)
-        self.book = ContactBook(dict(slots), ramp=ramp)
-        self._bodies = np.array(self.book.links, dtype=np.intp)
+        self.book = ContactBook(dict(slots), spare=_SPARE_SLOTS, ramp=ramp)
         dims = dict(zip(seen.bodies.tolist(), self.reader.dims.tolist(), strict=True))
-        self._dims = np.array([dims[body] for body in self._bodies.tolist()])
+        most = max(dims.values())
+        self._dims = np.array([dims.get(link, most) for link in self.book.links])
         self._slot_mu, self._slot_gamma = np.ones(len(self._dims)), np.ones(len(self._dims))
+        self._look_at_links()
         for body in slots:
             of_body = self._bodies == body
             self._slot_mu[of_body] = seen.mu[seen.bodies == body].min()
@@ -275,16 +285,26 @@ class HandLoop:
         self.book.update(
             seen.points, seen.normals, seen.bodies.tolist(), self._dt, pose.position, pose.rotation
         )
+        self._look_at_links()
+        if not self.holding.any():
+            touching = ", ".join(dict.fromkeys(filter(None, self.links)))
+            raise InvalidInputError(
+                f"data: got {touching} in contact with {self.reader.object_name!r}, expected "
+                "something that a motor moves"
+            )
+
+    def _look_at_links(self) -> None:
+        """See what makes the contacts of the slots now, and which motors move any of that."""
+        # What has not been taken is the world's, which nothing moves.
+        links: Indices = np.array([link or 0 for link in self.book.links], dtype=np.intp)
+        if np.array_equal(links, self._bodies):
+            return
+        self._bodies = links
         dofs, driven = self.reader.motion
-        moved = self.reader.moved_by(self._bodies)[:, dofs].any(axis=0)
+        moved = self.reader.moved_by(links)[:, dofs].any(axis=0)
         self.holding = (driven[moved] != 0).any(axis=0)
         for row in self.reader.internal != 0:
             self.holding |= row & (row & self.holding).any()
-        if not self.holding.any():
-            raise InvalidInputError(
-                f"data: got {', '.join(dict.fromkeys(self.links))} in contact with "
-                f"{self.reader.object_name!r}, expected something that a motor moves"
-            )
 
     def _models(self) -> tuple[ContactModel, ...]:
         arrays = (self._dims, self._slot_mu, self._slot_gamma)
@@ -427,7 +447,7 @@ class HandLoop:
             fields["A"], fields["b"] = hand.A, hand.b
         if self._c is not None:
             fields["c_last"] = self._c
-        shape = (len(fields["f"]), len(internal), len(hand.b), self._c is None)
+        shape = (len(fields["f"]), acting.sum(), len(internal), len(hand.b), self._c is None)
         servo = self._servo
         if servo is None or shape != self._shape:
             servo = self._make_servo(fields)
