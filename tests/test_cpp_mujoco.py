@@ -37,15 +37,14 @@ def run(*command, **options):
 
 
 def compiled(source, target, *flags):
-    run(COMPILER, "-std=c++17", "-O1", "-Wall", "-Wextra", "-Werror", "-Wno-psabi",
-        f"-I{ROOT / 'cpp/include'}", f"-I{ROOT / 'cpp/tests'}", ROOT / source, "-o", target, *flags)  # fmt: skip
+    options = ("-std=c++17", "-O1", "-Wall", "-Wextra", "-Werror", "-Wno-psabi")
+    includes = (f"-I{ROOT / 'cpp/include'}", f"-I{ROOT / 'cpp/tests'}")
+    run(COMPILER, *options, *includes, ROOT / source, "-o", target, *flags)
     return target
 
 
 def with_mujoco(source, target):
-    return compiled(
-        source, target, "-isystem", MUJOCO / "include", LIBRARY, f"-Wl,-rpath,{MUJOCO}"
-    )
+    return compiled(source, target, "-isystem", MUJOCO / "include", LIBRARY, f"-Wl,-rpath,{MUJOCO}")
 
 
 @pytest.fixture(scope="module")
@@ -132,9 +131,7 @@ class Mirror:
             book.points, book.frames.transpose(0, 2, 1), self.dims, self.bodies
         )
         low, high = (each[own] for each in self.motors.limits(self.data))
-        weights = patch_weights(
-            book.frames[:, :, 0], book.links, np.maximum(book.engagement, 1e-3)
-        )
+        weights = patch_weights(book.frames[:, :, 0], book.links, np.maximum(book.engagement, 1e-3))
         # Of the rows that no motor moves there may be fewer than the example has room for.
         idle = np.zeros((len(f) - 6 - len(hand.passive_loads), W.shape[1]))
         fields = {
@@ -150,7 +147,9 @@ class Mirror:
             soft[3:6] *= 0.03
             models = [
                 model_of(*each)
-                for each in zip(*(a.tolist() for a in (self.dims, self.mu, self.gamma)), strict=True)
+                for each in zip(
+                    *(a.tolist() for a in (self.dims, self.mu, self.gamma)), strict=True
+                )
             ]
             problem = gf.ForceProblem(
                 fields["W"], fields["f"], models, **{n: fields[n] for n in fields if n not in "Wf"},

@@ -48,7 +48,7 @@ def moved(request):
 
 
 def test_sim_hands_hold_and_move_whatever_their_motors_and_tips_are(moved):
-    trial, log = moved
+    _, log = moved
     assert log.verdict == "held"
     assert 1e3 * log.position_error.max() <= 0.5
     assert np.degrees(log.rotation_error.max()) <= 0.5

@@ -15,7 +15,8 @@ The last is one problem for hand and arm: of all joint accelerations that move t
 object's material moves there, the one nearest, in the metric of the inertia, to a PD law on the
 posture. Fingers that can follow the object do, and the arm rests; jaws that cannot are carried by
 the arm. A joint counts the heavier, the nearer it is to an end of its range, so that the arm takes
-over before a finger is stopped. Joints that move nothing that touches are held by the posture law alone.
+over before a finger is stopped. Joints that move nothing that touches are held by the posture law
+alone.
 
 W c = f may be missed by a hundredth of the weight: two points that cannot twist the object, or a
 load beyond what the hand can hold, then leave the nearest there is. Where a tick has no answer all
@@ -168,7 +169,9 @@ class HandLoop:
         self._c_max = CEILING * weight if c_max is None else as_positive(c_max, "c_max", "N")
         self._mu = mu if mu is None else as_positive(mu, "mu", "")
         self._lengths = self.motors.lengths(data)
-        ranged = np.isin(model.jnt_type, (int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)))
+        ranged = np.isin(
+            model.jnt_type, (int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE))
+        )
         ranged &= model.jnt_limited != 0
         self._ends = np.where(ranged[:, None], model.jnt_range, (-np.inf, np.inf))
         kinds = mj.mjtIntegrator
