@@ -25,7 +25,7 @@ from graspforce import sim
 from graspforce.baselines import lp
 from graspforce.problem import ForceProblem
 from graspforce.sim import loop as running
-from graspforce.sim.hand_loop import HandCommand, HandLoop
+from graspforce.sim.hand_loop import HandLoop
 
 MOVE, TURN = (0.0, 0.0, 0.02), 20.0
 STUDIED = ("panda", "palm")
@@ -61,7 +61,7 @@ class PositionServo(HandLoop):
             self._offset = now.tau
         off = self.motors.lengths(self._data) - self._lengths
         tau = self._offset - M * (900.0 * off + 60.0 * self.motors.rates(self._data))
-        return HandCommand(np.clip(tau, self.tau_lo, self.tau_hi), now.solution, False)
+        return now._replace(tau=np.clip(tau, self.tau_lo, self.tau_hi), kept=False)
 
 
 class FourFacets(HandLoop):

@@ -51,6 +51,24 @@ int main(int, char** arguments) {
   EXPECT(answered == 300);
   EXPECT(dropped > 20);
 
+  // A link that may touch later has slots from the start, and its joints their columns.
+  MujocoGrasp::Options options;
+  options.further_links = {mj_id2name(model, mjOBJ_BODY, 1)};
+  mj_resetDataKeyframe(model, data, 0);
+  mj_forward(model, data);
+  const MujocoGrasp wider(model, data, arguments[2], options);
+  EXPECT(wider.book().size() == grasp.book().size() + options.face_slots);
+  EXPECT(wider.book().engagement(grasp.book().size()) == 0);
+  EXPECT(wider.joints().size() >= grasp.joints().size());
+  options.further_links = {"nothing of that name"};
+  bool refused = false;
+  try {
+    const MujocoGrasp none(model, data, arguments[2], options);
+  } catch (const std::invalid_argument& refusal) {
+    refused = std::string(refusal.what()).find("nothing of that name") != std::string::npos;
+  }
+  EXPECT(refused);
+
   // What makes no grasp is said, and the fields can still be written.
   data->subtree_com[3 * grasp.object()] = std::numeric_limits<double>::quiet_NaN();
   EXPECT(!grasp.update(data, model->opt.timestep));

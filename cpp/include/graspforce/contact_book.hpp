@@ -5,7 +5,8 @@
 // numbers change little. The book has a fixed number of slots for each link of the hand. What
 // touches is matched to the slots by link and place on the object; a slot whose contact is missing
 // keeps its last place for a while, and the engagement of a slot (Section III-C.3 of the paper)
-// rises and falls by a ramp. The same as graspforce.control.ContactBook in Python.
+// rises and falls by a ramp. The same as graspforce.control.ContactBook in Python, without
+// its spare slots.
 #pragma once
 
 #include <algorithm>
