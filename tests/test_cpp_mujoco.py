@@ -173,7 +173,8 @@ class Mirror:
 # jaw follows the other, and has two motors of its own.
 OBJECT_FIRST = """<mujoco><option cone="elliptic" jacobian="sparse" impratio="100" timestep=".001"
     integrator="implicitfast" noslip_iterations="3"/>
-  <default><geom solref=".002 1" solimp=".95 .99 .001" condim="4" friction=".8 .01 .0001"/></default>
+  <default><geom solref=".002 1" solimp=".95 .99 .001" condim="4" friction=".8 .01 .0001"/>
+    </default>
   <worldbody><body name="object" pos="0 0 .1"><freejoint/>
       <geom type="box" size=".02 .02 .02" mass=".15"/>
       <body pos="0 0 .02"><geom type="sphere" size=".01" mass=".05"/></body></body>

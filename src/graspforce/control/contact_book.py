@@ -177,8 +177,11 @@ class ContactBook:
         for i, link in enumerate(links):
             by_link.setdefault(link, []).append(i)
         used = (self.engagement > 0) | (self._missing <= self._patience)
+        of_link: dict[Hashable, list[int]] = {}
+        for slot in np.flatnonzero(used).tolist():
+            of_link.setdefault(self._links[slot], []).append(slot)
         for link, contacts in by_link.items():
-            slots = np.array([i for i in np.flatnonzero(used) if self._links[i] == link], np.intp)
+            slots = of_link.get(link, [])
             away = np.linalg.norm(seen[contacts, None] - self._points[slots], axis=2)
             taken: set[int] = set()
             for pair in np.argsort(away, axis=None, kind="stable").tolist():

@@ -169,11 +169,7 @@ class HandLoop:
         self._c_max = CEILING * weight if c_max is None else as_positive(c_max, "c_max", "N")
         self._mu = mu if mu is None else as_positive(mu, "mu", "")
         self._lengths = self.motors.lengths(data)
-        ranged = np.isin(
-            model.jnt_type, (int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE))
-        )
-        ranged &= model.jnt_limited != 0
-        self._ends = np.where(ranged[:, None], model.jnt_range, (-np.inf, np.inf))
+        self._look_up_ends()
         kinds = mj.mjtIntegrator
         self._implicit = (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST))
         self._jacobian_dot = np.zeros((6, model.nv))
@@ -183,7 +179,8 @@ class HandLoop:
             raise InvalidInputError(
                 f"data: nothing touches {body!r}, expected fingers in contact: see sim.close"
             )
-        self._bodies: Indices = np.zeros(0, dtype=np.intp)  # of the slots
+        self._looked_at: tuple[Hashable | None, ...] = ()  # links of the slots, and their bodies
+        self._bodies: Indices = np.zeros(0, dtype=np.intp)
         self._open_book(seen, pose)
         arm = float(np.linalg.norm(seen.points - pose.position, axis=1).max())
         self._soft = softness(weight, arm)
@@ -298,10 +295,11 @@ class HandLoop:
 
     def _look_at_links(self) -> None:
         """See what makes the contacts of the slots now, and which motors move any of that."""
-        # What has not been taken is the world's, which nothing moves.
-        links: Indices = np.array([link or 0 for link in self.book.links], dtype=np.intp)
-        if np.array_equal(links, self._bodies):
+        if self.book.links == self._looked_at:
             return
+        self._looked_at = self.book.links
+        # What has not been taken is the world's, which nothing moves.
+        links: Indices = np.array([link or 0 for link in self._looked_at], dtype=np.intp)
         self._bodies = links
         dofs, driven = self.reader.motion
         moved = self.reader.moved_by(links)[:, dofs].any(axis=0)
@@ -390,24 +388,32 @@ class HandLoop:
         model, data = self._model, self._data
         mj.mj_fullM(model, data, self._mass_matrix)
         M, step = self._mass_matrix[np.ix_(dofs, dofs)], float(model.opt.timestep)
-        added = np.diag(np.diag(M) * self._heavier(dofs))
+        heavier, heavy = self._heavier(dofs), np.diag(M)
         of_motors: Array = np.zeros((driven.shape[1], driven.shape[1]))
         if int(model.opt.integrator) in self._implicit:
             M = M + step * np.diag(model.dof_damping[dofs])
             of_motors = np.diag(step * self.motors.damping(data) * driven.any(axis=0))
         inertia = driven.T @ M @ driven + of_motors
-        return inertia, inertia + driven.T @ added @ driven
+        if not heavier.any():
+            return inertia, inertia
+        return inertia, inertia + (driven.T * (heavy * heavier)) @ driven
+
+    def _look_up_ends(self) -> None:
+        """See where the range of every degree of freedom ends, and where it is near to that."""
+        model, kinds = self._model, mj.mjtJoint
+        simple = np.isin(model.jnt_type, (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)))
+        joints = model.dof_jntid
+        ranged = (simple & (model.jnt_limited != 0))[joints]
+        self._at = model.jnt_qposadr[joints]
+        self._ends = np.where(ranged[:, None], model.jnt_range[joints], (-np.inf, np.inf))
+        self._near: Array = np.ones(model.nv)
+        self._near[ranged] = _NEAR_END * np.ptp(self._ends[ranged], axis=1)
 
     def _heavier(self, dofs: Indices) -> Array:
         """Return how many times heavier joints count as they near an end, shape (k,), from 0."""
-        joints = self._model.dof_jntid[dofs]
-        at = self._data.qpos[self._model.jnt_qposadr[joints]]
-        low, high = self._ends[joints].T
-        # Where there is no end, infinite over infinite is no number, and not near either.
-        with np.errstate(invalid="ignore"):
-            left = np.minimum(at - low, high - at) / (_NEAR_END * (high - low))
-        near = np.clip(np.where(np.isnan(left), 1.0, left), 1e-3, 1.0)
-        return 1 / near**2 - 1
+        at, (low, high) = self._data.qpos[self._at[dofs]], self._ends[dofs].T
+        left = np.minimum(at - low, high - at) / self._near[dofs]
+        return 1 / np.minimum(np.maximum(left, 1e-3), 1.0) ** 2 - 1
 
     def _along(self, acceleration: Array, pose: Pose, engaged: Indices) -> Array:
         """Return the joints' part of the accelerations that take contacts along, (m_engaged,)."""
