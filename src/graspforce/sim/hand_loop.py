@@ -406,8 +406,9 @@ class HandLoop:
         ranged = (simple & (model.jnt_limited != 0))[joints]
         self._at = model.jnt_qposadr[joints]
         self._ends = np.where(ranged[:, None], model.jnt_range[joints], (-np.inf, np.inf))
-        self._near: Array = np.ones(model.nv)
-        self._near[ranged] = _NEAR_END * np.ptp(self._ends[ranged], axis=1)
+        near: Array = np.ones(int(model.nv))
+        near[ranged] = _NEAR_END * np.ptp(self._ends[ranged], axis=1)
+        self._near = near
 
     def _heavier(self, dofs: Indices) -> Array:
         """Return how many times heavier joints count as they near an end, shape (k,), from 0."""
