@@ -25,9 +25,9 @@ from graspforce import sim
 from graspforce.baselines import lp
 from graspforce.problem import ForceProblem
 from graspforce.sim import loop as running
-from graspforce.sim.hand_loop import HandCommand, HandLoop
+from graspforce.sim.hand_loop import HandLoop
 
-MOTIONS = dict.fromkeys(sim.HANDS, ((0.0, 0.0, 0.02), 20.0)) | {"shadow": ((0, 0, -0.02), 0.0)}
+MOVE, TURN = (0.0, 0.0, 0.02), 20.0
 STUDIED = ("panda", "palm")
 KINDS = ("none", "push", "friction")
 
@@ -56,12 +56,12 @@ class PositionServo(HandLoop):
         """Return the tick's torques."""
         now = super().decide(t, pose, seen)
         dofs, driven = self.reader.motion
-        M = np.diag(self._inertia_of_motors(dofs, driven))
+        M = np.diag(self._inertia_of_motors(dofs, driven)[0])
         if t == 0:
             self._offset = now.tau
         off = self.motors.lengths(self._data) - self._lengths
         tau = self._offset - M * (900.0 * off + 60.0 * self.motors.rates(self._data))
-        return HandCommand(np.clip(tau, self.tau_lo, self.tau_hi), now.solution, False)
+        return now._replace(tau=np.clip(tau, self.tau_lo, self.tau_hi), kept=False)
 
 
 class FourFacets(HandLoop):
@@ -102,12 +102,9 @@ def holding() -> Table:
         table.add_column(heading, justify="left" if heading in ("hand", "motion") else "right")
     for name in sim.HANDS:
         model = sim.hand_model(name)
-        move, turn = MOTIONS[name]
         options = {
             "hold": {},
-            f"{1e3 * np.linalg.norm(move):.0f} mm{f', {turn:g}°' if turn else ''}": {
-                "move": move, "turn": turn
-            },
+            f"{1e3 * np.linalg.norm(MOVE):.0f} mm, {TURN:g}°": {"move": MOVE, "turn": TURN},
             "shaken at 1 g, 2 Hz": {"shake": 1.0},
             "10 % of contacts unseen": {"disturbance": "dropout"},
         }  # fmt: skip

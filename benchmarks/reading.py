@@ -1,13 +1,18 @@
 """What reading a grasp from MuJoCo takes, once and in every tick of a loop.
 
 A hand of four fingers with four joints each holds a cube, with a ball (4 contacts) or a flat pad
-(16) at the end of each finger. Some seconds: ``python benchmarks/reading.py``.
+(16) at the end of each finger. In C++ (``benchmarks/reading.cpp``) reading goes from MuJoCo's
+numbers to the fields of a Servo, torque limits included, and sending from torques to controls.
+Half a minute, most of it for the compiler: ``python benchmarks/reading.py``.
 """
 
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -64,6 +69,31 @@ def times(tip: str, rounds: int) -> dict[str, np.ndarray]:
     return {name: hot([(no_op, call)], rounds) for name, call in calls.items()}
 
 
+def times_of_cpp(folder: Path, rounds: int) -> list[dict[str, float]]:
+    """Return the tenth of the times below for every tip [µs]; nothing without a compiler."""
+    library = Path(mujoco.__file__).parent
+    shared = next(iter(sorted(library.glob("libmujoco.so*"))), None)
+    if shared is None:
+        return [{}] * len(TIPS)
+    root, program = Path(__file__).parents[1], folder / "reading"
+    wide = "-mavx2 -mfma" if "avx2" in Path("/proc/cpuinfo").read_text() else ""
+    flags = f"-std=c++17 -O3 {wide} -fno-math-errno -fno-trapping-math -Wno-psabi".split()
+    includes = [f"-I{root / 'cpp/include'}", "-isystem", str(library / "include")]
+    source = str(root / "benchmarks/reading.cpp")
+    linked = [str(shared), f"-Wl,-rpath,{library}"]
+    subprocess.run(["g++", *flags, *includes, source, "-o", str(program), *linked], check=True)
+    names = ("C++: reading", "C++: Servo::tick", "C++: sending")
+    found = []
+    for tip in TIPS.values():
+        model = str(folder / "scene.mjb")
+        mujoco.mj_saveModel(scene(tip)[0], model, None)
+        out = subprocess.run(
+            [str(program), model, "cube", str(rounds)], check=True, capture_output=True, text=True
+        ).stdout
+        found.append(dict(zip(names, map(float, out.split()), strict=True)))
+    return found
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--rounds", type=int, default=1000)
@@ -76,6 +106,10 @@ def main() -> int:
     measured = [times(tip, options.rounds) for tip in TIPS.values()]
     for name in measured[0]:
         table.add_row(name, *(f"{np.percentile(each[name], 10):.4g}" for each in measured))
+    with tempfile.TemporaryDirectory() as folder:
+        of_cpp = times_of_cpp(Path(folder), 10 * options.rounds)
+    for name in of_cpp[0]:
+        table.add_row(name, *(f"{each[name]:.3g}" for each in of_cpp))
     show(table, save=options.save, width=80)
     return 0
 

@@ -261,3 +261,44 @@ def test_bad_arguments_are_named(changes, words):
     given = {"tau": [1.0, 1.0], "q": [0.0, 0.0], "stiffness": 1.0} | changes
     with pytest.raises(gf.InvalidInputError, match=words):
         position_command(**given)
+
+
+def test_spare_slots_take_what_comes_late():
+    """First of a link without slots, then more of one than it has; kept until they have let go."""
+    book = a_book(spare=2)
+    book.update(POINTS, NORMALS, LINKS, DT)
+    assert book.links == ("thumb", "index", "index", None, None)
+    assert_array_equal(book.engagement, [1, 1, 1, 0, 0])
+    late = np.array([[0, 0, 0.05], [-0.01, 0, 0.05], [0.01, 0, 0.05]])
+    normals = np.tile([0.0, 0.0, -1.0], (3, 1))
+
+    def update(count, link="palm"):
+        book.update(
+            np.vstack((POINTS, late[:count])), np.vstack((NORMALS, normals[:count])),
+            [*LINKS, *[link] * count], DT,
+        )  # fmt: skip
+
+    update(1)
+    assert book.links == ("thumb", "index", "index", "palm", None)
+    assert_allclose(book.engagement, [1, 1, 1, 0.01, 0])
+    assert book.without_slot == 0
+    update(3)
+    assert book.links[3:] == ("palm", "palm")
+    assert_array_equal(book.slots, [0, 1, 2, 3, 4, -1])
+    assert book.without_slot == 1
+    for _ in range(10):
+        update(0)
+    update(1, "wrist")  # the palm's still count
+    assert book.without_slot == 1
+    for _ in range(40):
+        update(0)
+    update(1, "wrist")
+    assert book.links[3] == "wrist"
+    assert book.without_slot == 0
+
+
+def test_without_spare_slots_other_links_are_passed_over():
+    book = a_book()
+    book.update(POINTS, NORMALS, ["thumb", "index", "wrist"], DT)
+    assert_array_equal(book.slots, [0, 1, -1])
+    assert book.without_slot == 0

@@ -36,22 +36,19 @@ BOTH = "".join(f'<motor name="m{n}" joint="{n}" ctrlrange="-20 20"/>' for n in (
 
 # ---- the hands ---------------------------------------------------------------------------------
 
-# The Shadow-like hand is moved, not turned: two joints of a finger on one tendon follow a turn of
-# the object only a little way.
-MOTIONS = {name: ([0.0, 0.0, 0.02], 20.0) for name in sim.HANDS} | {"shadow": ([0, 0, -0.02], 0.0)}
+MOVE, TURN = [0.0, 0.0, 0.02], 20.0
 
 
 @pytest.fixture(scope="module", params=sim.HANDS)
 def moved(request):
     """A hand that closes on 0.2 kg, holds it, moves it by 2 cm, turns it by 20° and holds it."""
-    move, turn = MOTIONS[request.param]
     model = sim.hand_model(request.param)
-    (trial,) = sim.own(model, "object", move=move, turn=turn, duration=1.2)
+    (trial,) = sim.own(model, "object", move=MOVE, turn=TURN, duration=1.2)
     return trial, sim.run(trial)
 
 
 def test_sim_hands_hold_and_move_whatever_their_motors_and_tips_are(moved):
-    trial, log = moved
+    _, log = moved
     assert log.verdict == "held"
     assert 1e3 * log.position_error.max() <= 0.5
     assert np.degrees(log.rotation_error.max()) <= 0.5
@@ -63,14 +60,65 @@ def test_sim_hands_hold_and_move_whatever_their_motors_and_tips_are(moved):
     weight = np.array([0, 0, 0.2 * 9.81])
     assert_allclose(log.force[-100:].sum(axis=1).mean(axis=0), weight, atol=0.05)
     turned = np.degrees(log.yaw[-1] - log.yaw[0])
-    assert turned == pytest.approx(
-        MOTIONS[trial.model.names[:20].split(b"\0")[0].decode()][1], abs=1
+    assert turned == pytest.approx(TURN, abs=1)
+
+
+@pytest.mark.parametrize(("move", "turn"), [(-0.02, -20.0), (0.0, 20.0)])
+def test_sim_hands_tendons_follow_whatever_the_way(move, turn):
+    """Two joints of a finger on one tendon, which no motor moves apart."""
+    (trial,) = sim.own(
+        sim.hand_model("shadow"), "object", move=[0, 0, move], turn=turn, duration=0.8
     )
+    log = sim.run(trial)
+    assert log.verdict == "held"
+    assert 1e3 * log.position_error.max() <= 0.5
+    assert 1e3 * log.slip.max() <= 0.5
+
+
+def test_hand_loop_stops_no_finger_at_an_end():
+    """The fingers would bend beyond their range as the hand is moved up: the arm goes on alone."""
+    model = sim.hand_model("shadow")
+    (trial,) = sim.own(model, "object", move=MOVE, duration=0.8)
+    bends = [model.joint(f"{finger}J3") for finger in ("FF", "MF", "RF", "LF")]
+    data = mujoco.MjData(model)
+    data.qpos[:] = trial.start
+    mujoco.mj_forward(model, data)
+    loop = sim.HandLoop(model, data, "object", trial.motion)
+    angles = np.empty((800, len(bends)))
+    for tick in angles:
+        mujoco.mj_step1(model, data)
+        loop.step(data.time)
+        mujoco.mj_step2(model, data)
+        tick[:] = [data.qpos[joint.qposadr[0]] for joint in bends]
+    most = bends[0].range[1]
+    assert angles[0].max() < most - 0.05
+    assert angles[0].max() < angles.max() < most
+    assert_allclose(data.subtree_com[model.body("object").id], loop.target(0.8)[0], atol=1e-4)
 
 
 def test_sim_hands_change_their_forces_no_faster_than_they_may(moved):
     trial, log = moved
     assert np.abs(np.diff(log.c[1:], axis=0)).max() <= trial.gains.force_rate / trial.rate + 1e-9
+
+
+def torque_bound(trial):
+    """How much each torque may change in a tick by the forces' rate alone, shape (n_joints,)."""
+    data = mujoco.MjData(trial.model)
+    data.qpos[:] = trial.start
+    mujoco.mj_forward(trial.model, data)
+    loop = sim.HandLoop(trial.model, data, "object")
+    return np.abs(loop.reader.J).sum(axis=0) * trial.gains.force_rate / trial.rate
+
+
+@pytest.mark.parametrize("name", ["panda", "leap", "shadow"])
+def test_sim_hands_flicker_changes_torques_within_a_bound(name):
+    (trial,) = sim.own(sim.hand_model(name), "object", disturbance="dropout", duration=0.5)
+    assert trial.disturbance.dropout == 0.1
+    log = sim.run(trial)
+    steps = np.abs(np.diff(log.tau, axis=0)).max(axis=0)
+    # What moves the joints' own inertia is of the object's motion, and next to nothing at rest.
+    assert (steps <= torque_bound(trial) + 1e-3).all()
+    assert (log.tau_max > 10 * steps).all()
 
 
 @pytest.mark.parametrize("name", ["panda", "allegro"])
@@ -128,8 +176,56 @@ def test_hand_loop_holds_in_ten_lines():
     commands = stepped(model, data, loop, 300)
     assert_allclose(data.body("box").xpos, before, atol=1e-5)
     # Twice the force with which two pads of friction 0.8 just hold it.
-    normal = commands[-1].solution.normal_forces.reshape(2, -1).sum(axis=1)
+    forces, links = commands[-1].solution.normal_forces, np.array(loop.links)
+    normal = [forces[links == name].sum() for name in ("left", "right")]
     assert_allclose(normal, 2 * 0.2 * 9.81 / 2 / 0.8, rtol=0.1)
+
+
+# A third pad, beside the box, that comes to touch it late.
+LATE = """<body name="late" pos="0 -.1 .1"><joint name="late" type="slide" axis="0 1 0"/>
+  <geom type="box" size=".01 .005 .01" mass=".1"/></body>"""
+
+
+def jaws_and_a_third():
+    motor = '<motor name="mlate" joint="late" ctrlrange="-20 20"/>'
+    return jaws(BOTH + motor, more=f"<worldbody>{LATE}</worldbody>")
+
+
+def test_hand_loop_counts_on_contacts_that_come_late():
+    model = jaws_and_a_third()
+    data = mujoco.MjData(model)
+    data.qpos[:] = sim.close(model, "box")
+    slide = model.joint("late").qposadr[0]
+    data.qpos[slide] = 0.0
+    mujoco.mj_forward(model, data)
+    loop = sim.HandLoop(model, data, "box")
+    assert "late" not in loop.links
+    assert not loop.holding[loop.joint_names.index("late")]
+    before = stepped(model, data, loop, 30)
+    data.qpos[slide] = 0.0752  # it stands 0.2 mm in the box
+    after = stepped(model, data, loop, 200)
+    assert "late" in loop.links
+    assert loop.holding[loop.joint_names.index("late")]
+    own = np.array(loop.links) == "late"
+    assert loop.book.engagement[own].max() == 1
+    assert not any(each.kept or each.without_slot for each in after)
+    forces = np.array([each.solution.c for each in (*before[1:], *after)])
+    assert np.abs(np.diff(forces, axis=0)).max() <= 500 * model.opt.timestep + 1e-9
+    assert after[-1].solution.normal_forces[own].max() > 0
+
+
+def test_hand_loop_says_what_it_has_no_room_for(monkeypatch):
+    monkeypatch.setattr("graspforce.sim.hand_loop._SPARE_SLOTS", 1)
+    model = jaws_and_a_third()
+    data = mujoco.MjData(model)
+    data.qpos[:] = sim.close(model, "box")
+    slide = model.joint("late").qposadr[0]
+    data.qpos[slide] = 0.0
+    mujoco.mj_forward(model, data)
+    loop = sim.HandLoop(model, data, "box")
+    assert stepped(model, data, loop, 5)[-1].without_slot == 0
+    data.qpos[slide] = 0.0752
+    assert stepped(model, data, loop, 2)[-1].without_slot == 3  # of four corners
 
 
 def test_hand_loop_ticks_without_an_answer_keep_the_last_torques():

@@ -8,6 +8,7 @@
 #include "allocations.hpp"
 #include "expect.hpp"
 #include "graspforce/contact.hpp"
+#include "graspforce/position_command.hpp"
 #include "random_grasp.hpp"
 
 using namespace graspforce;
@@ -256,7 +257,20 @@ static void a_large_jacobian_is_watched_outside_its_pattern() {
   }
 }
 
+static void a_position_servo_makes_the_torque() {
+  PositionServo servo{3, 0.1};  // 3 N·m/rad, 0.1 N·m·s/rad
+  const double command = servo.command(0.6, 0.5, 2);
+  EXPECT(std::abs(command - (0.5 + (0.6 + 0.2) / 3)) < 1e-15);
+  EXPECT(std::abs(servo.torque(command, 0.5, 2) - 0.6) < 1e-15);
+  servo.tau_max = 0.4;
+  EXPECT(std::abs(servo.torque(servo.command(0.6, 0.5, 2), 0.5, 2) - 0.4) < 1e-15);
+  servo.q_max = 0.55;  // it cannot be told to go farther
+  EXPECT(servo.command(0.6, 0.5) == 0.55);
+  EXPECT(std::abs(servo.torque(0.55, 0.5) - 0.15) < 1e-15);
+}
+
 int main() {
+  a_position_servo_makes_the_torque();
   a_large_jacobian_is_watched_outside_its_pattern();
   a_contact_gives_its_columns();
   a_tick_holds_the_cube();

@@ -294,7 +294,9 @@ def patch_weights(
         links: what makes each contact, n names or numbers.
         engagement: how much each counts as a contact, above 0, shape (n,); all the same by default.
     """
-    together = np.array([[one == other for other in links] for one in links], dtype=float)
+    numbers = {link: number for number, link in enumerate(links)}
+    of_link = np.array([numbers[link] for link in links])
+    together = (of_link[:, None] == of_link).astype(float)
     near, far = np.cos(PATCH_ANGLES)
     together *= np.clip((normals @ normals.T - far) / (near - far), 0.0, 1.0)
     counts = np.ones(len(normals)) if engagement is None else engagement

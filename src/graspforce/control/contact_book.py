@@ -37,6 +37,8 @@ class ContactBook:
     Args:
         slots: how many contacts each link may have at once; the links are strings, numbers, or
             whatever they are called in updates. Slots stand in this order.
+        spare: further slots behind them for contacts that come late: of links without slots, or
+            with more contacts than slots.
         ramp: how long an engagement takes from 0 to 1 or back [s]. With ceilings ``c_max`` and
             forces that may change by r newtons a second, a ramp of at least ``c_max / r`` leaves
             the Servo room.
@@ -44,7 +46,7 @@ class ContactBook:
         reach: how far a contact may have moved on the object between updates and be the same [m].
 
     Attributes:
-        links: of each slot, n of them.
+        links: of each slot, n of them; None for a spare one that nothing has taken.
         points: where the contact is or last was, world axes, shape (n, 3) [m].
         frames: columns normal (into the object), x, y, as :attr:`graspforce.Contact.frame`, world
             axes, shape (n, 3, 3). A slot's x turns no more than its normal does, so forces of one
@@ -52,7 +54,7 @@ class ContactBook:
         engagement: 0 to 1, shape (n,).
         present: whether something touched at the last update, shape (n,).
         slots: the slot of each contact of the last update, −1 without one, shape (k,).
-        without_slot: how many contacts of the last update found no slot of their link free.
+        without_slot: how many contacts of the last update found no slot free.
 
     Raises:
         InvalidInputError: no slots, a number of slots below 1, a time or length that is not
@@ -63,6 +65,7 @@ class ContactBook:
         self,
         slots: Mapping[Hashable, int],
         *,
+        spare: int = 0,
         ramp: float = 0.1,
         patience: float = 0.02,
         reach: float = 0.01,
@@ -72,15 +75,14 @@ class ContactBook:
             raise InvalidInputError("slots: got none, expected at least one link")
         counts = [as_integer(count, f"slots[{link!r}]", 1) for link, count in slots.items()]
         pairs = zip(slots, counts, strict=True)
-        self.links = tuple(link for link, count in pairs for _ in range(count))
-        self._of_link: dict[Hashable, NDArray[np.intp]] = {
-            link: np.arange(end - count, end)
-            for link, count, end in zip(slots, counts, np.cumsum(counts).tolist(), strict=True)
-        }
+        self._spare = as_integer(spare, "spare", 0)
+        self._links: list[Hashable | None] = [link for link, count in pairs for _ in range(count)]
+        self._own = len(self._links)
+        self._links += [None] * self._spare
         self._ramp = as_positive(ramp, "ramp", "s")
         self._patience = as_positive(patience, "patience", "s")
         self._reach = as_positive(reach, "reach", "m")
-        n = len(self.links)
+        n = len(self._links)
         # In the object's frame. A slot that never had a contact has a frame all the same.
         self._points, self._frames = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
         self._missing = np.full(n, np.inf)  # for how long [s]
@@ -89,6 +91,11 @@ class ContactBook:
         self.engagement = np.zeros(n)
         self.slots = np.zeros(0, dtype=np.intp)
         self.without_slot = 0
+
+    @property
+    def links(self) -> tuple[Hashable | None, ...]:
+        """The link of each slot, n of them; None for a spare one that nothing has taken."""
+        return tuple(self._links)
 
     @property
     def present(self) -> NDArray[np.bool_]:
@@ -126,7 +133,8 @@ class ContactBook:
         Args:
             points: k contacts, world axes, shape (k, 3) [m].
             normals: unit normals into the object, shape (k, 3).
-            links: what makes each contact; contacts of links without slots are passed over.
+            links: what makes each contact; contacts of links without slots are passed over, as
+                long as there is no spare one.
             dt: since the last update [s].
             position: of the object, shape (3,) [m].
             rotation: of the object, its axes as columns, shape (3, 3).
@@ -165,17 +173,16 @@ class ContactBook:
     def _match(self, seen: Array, links: Sequence[Hashable]) -> NDArray[np.intp]:
         """Return each contact's slot, −1 without one: nearest pairs first, then free slots."""
         matched = np.full(len(seen), -1)
-        self.without_slot = 0
         by_link: dict[Hashable, list[int]] = {}
         for i, link in enumerate(links):
-            if link in self._of_link:
-                by_link.setdefault(link, []).append(i)
+            by_link.setdefault(link, []).append(i)
+        used = (self.engagement > 0) | (self._missing <= self._patience)
+        of_link: dict[Hashable, list[int]] = {}
+        for slot in np.flatnonzero(used).tolist():
+            of_link.setdefault(self._links[slot], []).append(slot)
         for link, contacts in by_link.items():
-            slots = self._of_link[link]
-            used = (self.engagement[slots] > 0) | (self._missing[slots] <= self._patience)
+            slots = of_link.get(link, [])
             away = np.linalg.norm(seen[contacts, None] - self._points[slots], axis=2)
-            away[:, ~used] = np.inf
-            free = slots[~used].tolist()
             taken: set[int] = set()
             for pair in np.argsort(away, axis=None, kind="stable").tolist():
                 i, j = divmod(pair, len(slots))
@@ -184,14 +191,16 @@ class ContactBook:
                 if matched[contacts[i]] < 0 and j not in taken:
                     matched[contacts[i]] = slots[j]
                     taken.add(j)
-            # The others are new. A slot that still lets go is not taken over: its force would jump.
-            for i in contacts:
-                if matched[i] >= 0:
-                    continue
-                if free:
-                    matched[i] = free.pop(0)
-                else:
-                    self.without_slot += 1
+        # The others are new. A slot that still lets go is not taken over: its force would jump.
+        free = np.flatnonzero(~used).tolist()
+        for i in np.flatnonzero(matched < 0).tolist():
+            usable = (j for j in free if j >= self._own or self._links[j] == links[i])
+            slot = next(usable, None)
+            if slot is not None:
+                free.remove(slot)
+                matched[i], self._links[slot] = slot, links[i]
+        left = [links[i] for i in np.flatnonzero(matched < 0).tolist()]
+        self.without_slot = sum(bool(self._spare) or link in self._links for link in left)
         return matched
 
     def _turn(self, slot: int, normal: Array) -> None:

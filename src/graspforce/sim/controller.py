@@ -66,6 +66,7 @@ class Command:
     contacts: tuple[Contact, ...]
     engagement: Array
     kept: bool
+    without_slot: int = 0  # its contacts are its fingers', which all have one
 
 
 class Controller:

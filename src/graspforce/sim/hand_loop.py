@@ -14,7 +14,9 @@ Every tick,
 The last is one problem for hand and arm: of all joint accelerations that move the contacts as the
 object's material moves there, the one nearest, in the metric of the inertia, to a PD law on the
 posture. Fingers that can follow the object do, and the arm rests; jaws that cannot are carried by
-the arm. Joints that move nothing that touches are held by the posture law alone.
+the arm. A joint counts the heavier, the nearer it is to an end of its range, so that the arm takes
+over before a finger is stopped. Joints that move nothing that touches are held by the posture law
+alone.
 
 W c = f may be missed by a hundredth of the weight: two points that cannot twist the object, or a
 load beyond what the hand can hold, then leave the nearest there is. Where a tick has no answer all
@@ -59,8 +61,12 @@ _SOFTNESS = 0.01
 _GIVING_WAY = 30.0
 # Upper bound on the effective mass at a contact: towards where hand and arm can hardly go [kg].
 _MAX_INERTIA = 1e4
+# In which share of its range a joint nears an end.
+_NEAR_END = 0.15
 # How many contacts a link has room for that is no ball: what touches of a face comes and goes.
 _FACE_SLOTS = 4
+# How many contacts there is room for that come late, of links that do not touch at the start.
+_SPARE_SLOTS = 4
 
 
 class Seen(NamedTuple):
@@ -84,6 +90,8 @@ class HandCommand(NamedTuple):
     solution: Solution
     kept: bool
     """Whether the tick found no forces, not even for the nearest wrench; ``tau`` is older then."""
+    without_slot: int
+    """How many contacts came late and found no slot free: they are not counted on."""
 
 
 class HandLoop:
@@ -161,6 +169,7 @@ class HandLoop:
         self._c_max = CEILING * weight if c_max is None else as_positive(c_max, "c_max", "N")
         self._mu = mu if mu is None else as_positive(mu, "mu", "")
         self._lengths = self.motors.lengths(data)
+        self._look_up_ends()
         kinds = mj.mjtIntegrator
         self._implicit = (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST))
         self._jacobian_dot = np.zeros((6, model.nv))
@@ -170,6 +179,8 @@ class HandLoop:
             raise InvalidInputError(
                 f"data: nothing touches {body!r}, expected fingers in contact: see sim.close"
             )
+        self._looked_at: tuple[Hashable | None, ...] = ()  # links of the slots, and their bodies
+        self._bodies: Indices = np.zeros(0, dtype=np.intp)
         self._open_book(seen, pose)
         arm = float(np.linalg.norm(seen.points - pose.position, axis=1).max())
         self._soft = softness(weight, arm)
@@ -220,6 +231,7 @@ class HandLoop:
         self.book.update(
             seen.points, seen.normals, seen.bodies.tolist(), self._dt, pose.position, pose.rotation
         )
+        self._look_at_links()
         self._count_on(seen)
         W, hand = self.reader.maps(
             self.book.points, self.book.frames.transpose(0, 2, 1), self._dims, self._bodies
@@ -232,7 +244,8 @@ class HandLoop:
             tau = bias.copy()
             tau[self.holding] = solution.motor_forces
             self._tau = tau
-        return HandCommand(np.clip(self._tau, self.tau_lo, self.tau_hi), solution, kept)
+        within = np.clip(self._tau, self.tau_lo, self.tau_hi)
+        return HandCommand(within, solution, kept, self.book.without_slot)
 
     def target(self, t: float) -> tuple[Array, Array]:
         """Return where the object should be at time t [s], and how turned."""
@@ -241,8 +254,10 @@ class HandLoop:
 
     @property
     def links(self) -> tuple[str, ...]:
-        """The body that makes the contact of each slot."""
-        return tuple(self._model.body(int(each)).name for each in self._bodies)
+        """The body that makes the contact of each slot; "" for a spare one not taken yet."""
+        return tuple(
+            "" if link is None else self._model.body(link).name for link in self.book.links
+        )
 
     # ---- what it holds with --------------------------------------------------------------------
 
@@ -257,11 +272,12 @@ class HandLoop:
             slots[body] = max(int(of_body.sum()), least)
         # A force falls with its ceiling: the ramp leaves it the time that its rate needs.
         ramp = max(1.2 * self._c_max / self._gains.force_rate, self._dt)
-        self.book = ContactBook(dict(slots), ramp=ramp)
-        self._bodies = np.array(self.book.links, dtype=np.intp)
+        self.book = ContactBook(dict(slots), spare=_SPARE_SLOTS, ramp=ramp)
         dims = dict(zip(seen.bodies.tolist(), self.reader.dims.tolist(), strict=True))
-        self._dims = np.array([dims[body] for body in self._bodies.tolist()])
+        most = max(dims.values())
+        self._dims = np.array([dims.get(link, most) for link in self.book.links])
         self._slot_mu, self._slot_gamma = np.ones(len(self._dims)), np.ones(len(self._dims))
+        self._look_at_links()
         for body in slots:
             of_body = self._bodies == body
             self._slot_mu[of_body] = seen.mu[seen.bodies == body].min()
@@ -269,16 +285,27 @@ class HandLoop:
         self.book.update(
             seen.points, seen.normals, seen.bodies.tolist(), self._dt, pose.position, pose.rotation
         )
+        self._look_at_links()
+        if not self.holding.any():
+            touching = ", ".join(dict.fromkeys(filter(None, self.links)))
+            raise InvalidInputError(
+                f"data: got {touching} in contact with {self.reader.object_name!r}, expected "
+                "something that a motor moves"
+            )
+
+    def _look_at_links(self) -> None:
+        """See what makes the contacts of the slots now, and which motors move any of that."""
+        if self.book.links == self._looked_at:
+            return
+        self._looked_at = self.book.links
+        # What has not been taken is the world's, which nothing moves.
+        links: Indices = np.array([link or 0 for link in self._looked_at], dtype=np.intp)
+        self._bodies = links
         dofs, driven = self.reader.motion
-        moved = self.reader.moved_by(self._bodies)[:, dofs].any(axis=0)
+        moved = self.reader.moved_by(links)[:, dofs].any(axis=0)
         self.holding = (driven[moved] != 0).any(axis=0)
         for row in self.reader.internal != 0:
             self.holding |= row & (row & self.holding).any()
-        if not self.holding.any():
-            raise InvalidInputError(
-                f"data: got {', '.join(dict.fromkeys(self.links))} in contact with "
-                f"{self.reader.object_name!r}, expected something that a motor moves"
-            )
 
     def _models(self) -> tuple[ContactModel, ...]:
         arrays = (self._dims, self._slot_mu, self._slot_gamma)
@@ -328,26 +355,31 @@ class HandLoop:
         gains, data = self._gains, self._data
         dofs, driven = self.reader.motion
         carrying = driven.any(axis=0)  # of motors that share a motion, those that count for it
-        M = self._inertia_of_motors(dofs, driven)[np.ix_(carrying, carrying)]
+        M, metric = (
+            each[np.ix_(carrying, carrying)] for each in self._inertia_of_motors(dofs, driven)
+        )
         off = self.motors.lengths(data) - self._lengths
         posture = -gains.posture_stiffness * off - gains.posture_damping * self.motors.rates(data)
         tau, posture = np.zeros(len(driven.T)), posture[carrying]
-        own = M @ posture
+        moving = posture
         engaged = np.flatnonzero(self.book.engagement > 0)
         rows = np.repeat(self.book.engagement > 0, self._dims)
         if len(engaged):
             wanted = self._along(acceleration, pose, engaged)
             J_here = J[np.ix_(rows, carrying)]
-            over_M = np.linalg.solve(M, J_here.T).T
+            easily = np.linalg.solve(metric, J_here.T)
             # A contact that lets go counts less and less.
             share = np.repeat(self.book.engagement[engaged], self._dims[engaged])
-            compliance = over_M @ J_here.T + np.diag(1 / (_MAX_INERTIA * share**2))
-            own = own + J_here.T @ np.linalg.solve(compliance, wanted - J_here @ posture)
-        tau[carrying] = own
+            compliance = J_here @ easily + np.diag(1 / (_MAX_INERTIA * share**2))
+            moving = posture + easily @ np.linalg.solve(compliance, wanted - J_here @ posture)
+        tau[carrying] = M @ moving
         return tau
 
-    def _inertia_of_motors(self, dofs: Indices, driven: Array) -> Array:
-        """Return the inertia that the motors move, shape (n_joints, n_joints).
+    def _inertia_of_motors(self, dofs: Indices, driven: Array) -> tuple[Array, Array]:
+        """Return the inertia that the motors move, and the metric, each (n_joints, n_joints).
+
+        The metric is the inertia with joints the heavier, the nearer they are to an end of their
+        range: the others go on in their place, and they come to rest before their stops.
 
         MuJoCo's implicit integrators take damping as of the end of a step, which is as if there
         were as much more inertia as it takes in a step. What the reader and the motors make up for
@@ -356,11 +388,33 @@ class HandLoop:
         model, data = self._model, self._data
         mj.mj_fullM(model, data, self._mass_matrix)
         M, step = self._mass_matrix[np.ix_(dofs, dofs)], float(model.opt.timestep)
-        if int(model.opt.integrator) not in self._implicit:
-            return driven.T @ M @ driven
-        M = M + step * np.diag(model.dof_damping[dofs])
-        of_motors = np.diag(step * self.motors.damping(data) * driven.any(axis=0))
-        return driven.T @ M @ driven + of_motors
+        heavier, heavy = self._heavier(dofs), np.diag(M)
+        of_motors: Array = np.zeros((driven.shape[1], driven.shape[1]))
+        if int(model.opt.integrator) in self._implicit:
+            M = M + step * np.diag(model.dof_damping[dofs])
+            of_motors = np.diag(step * self.motors.damping(data) * driven.any(axis=0))
+        inertia = driven.T @ M @ driven + of_motors
+        if not heavier.any():
+            return inertia, inertia
+        return inertia, inertia + (driven.T * (heavy * heavier)) @ driven
+
+    def _look_up_ends(self) -> None:
+        """See where the range of every degree of freedom ends, and where it is near to that."""
+        model, kinds = self._model, mj.mjtJoint
+        simple = np.isin(model.jnt_type, (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)))
+        joints = model.dof_jntid
+        ranged = (simple & (model.jnt_limited != 0))[joints]
+        self._at = model.jnt_qposadr[joints]
+        self._ends = np.where(ranged[:, None], model.jnt_range[joints], (-np.inf, np.inf))
+        near: Array = np.ones(int(model.nv))
+        near[ranged] = _NEAR_END * np.ptp(self._ends[ranged], axis=1)
+        self._near = near
+
+    def _heavier(self, dofs: Indices) -> Array:
+        """Return how many times heavier joints count as they near an end, shape (k,), from 0."""
+        at, (low, high) = self._data.qpos[self._at[dofs]], self._ends[dofs].T
+        left = np.minimum(at - low, high - at) / self._near[dofs]
+        return 1 / np.minimum(np.maximum(left, 1e-3), 1.0) ** 2 - 1
 
     def _along(self, acceleration: Array, pose: Pose, engaged: Indices) -> Array:
         """Return the joints' part of the accelerations that take contacts along, (m_engaged,)."""
@@ -403,7 +457,7 @@ class HandLoop:
             fields["A"], fields["b"] = hand.A, hand.b
         if self._c is not None:
             fields["c_last"] = self._c
-        shape = (len(fields["f"]), len(internal), len(hand.b), self._c is None)
+        shape = (len(fields["f"]), acting.sum(), len(internal), len(hand.b), self._c is None)
         servo = self._servo
         if servo is None or shape != self._shape:
             servo = self._make_servo(fields)

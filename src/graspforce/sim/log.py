@@ -61,6 +61,7 @@ class Log:
         status: values of :class:`graspforce.Status`, shape (T,).
         kept: whether the tick found no forces inside the limits, not even for the nearest wrench,
             and its torques are those of the last tick that had some, shape (T,).
+        without_slot: how many contacts came late and found no room, shape (T,): not counted on.
         ending: how it ended.
         message: why, with the tick, when it did not complete.
     """
@@ -86,6 +87,7 @@ class Log:
     newton_steps: NDArray[np.int64]
     status: NDArray[np.int64]
     kept: NDArray[np.bool_]
+    without_slot: NDArray[np.int64]
     ending: Ending = Ending.COMPLETED
     message: str = ""
 
@@ -114,6 +116,7 @@ class Log:
             normal=zeros(n, 3), clearance=zeros(n), tau=zeros(len(tau_max)), tau_max=tau_max,
             slip=zeros(n), c=np.empty((0, 3 * n)), newton_steps=np.empty(0, np.int64),
             status=np.empty(0, np.int64), kept=np.zeros(ticks, dtype=bool),
+            without_slot=np.zeros(ticks, np.int64),
         )  # fmt: skip
 
     def ended(self, ticks: int, ending: Ending, message: str) -> Log:

@@ -58,6 +58,7 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
             )
         side.write(log, tick)
         log.tau[tick], log.kept[tick], log.slip[tick] = command.tau, command.kept, slip
+        log.without_slot[tick] = command.without_slot
         tau = disturbance.delayed(command.tau)
         for _ in range(trial.substeps):
             disturbance.apply(world.data.time)
@@ -192,7 +193,7 @@ class _AnyHand:
         """Return how far what touches slid on the object in one physics step, shape (n,) [m]."""
         book, data = self.loop.book, self.world.data
         points, normals = book.points, book.frames[:, :, 0]
-        bodies = np.array(book.links, dtype=np.intp)
+        bodies = np.array([link or 0 for link in book.links], dtype=np.intp)
         root = self.world.model.body_rootid[bodies]
         about, linear = data.cvel[bodies, :3], data.cvel[bodies, 3:]
         velocity = linear + np.cross(about, points - data.subtree_com[root])
@@ -211,7 +212,7 @@ class _AnyHand:
         del engagement
         touching = set(self.loop.seen().bodies.tolist())
         names = dict(zip(self.loop.book.links, self.loop.links, strict=True))
-        return [name for body, name in names.items() if body not in touching]
+        return [name for body, name in names.items() if name and body not in touching]
 
 
 def _ending(
