@@ -20,7 +20,7 @@ from pages import blocks
 import graspforce as gf
 from graspforce import files
 from graspforce.files import npz_grasps
-from graspforce.solution.columns import Columns
+from graspforce.columns import Columns
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"

@@ -20,7 +20,7 @@ from graspforce.errors import InvalidInputError
 from graspforce.scenarios.scenario import Scenario
 from graspforce.servo import Servo
 from graspforce.solution import Solution
-from graspforce.solution.columns import Columns
+from graspforce.columns import Columns
 
 
 @dataclass(frozen=True, slots=True, eq=False)

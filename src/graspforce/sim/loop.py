@@ -16,7 +16,7 @@ from graspforce.sim.mujoco_import import mj, silenced_warnings
 from graspforce.sim.trial import Trial
 from graspforce.sim.world import Physics, Pose, Touch, World
 from graspforce.solution import Solution
-from graspforce.solution.columns import Columns
+from graspforce.columns import Columns
 
 # Beyond this distance from its target, or angle, the object counts as dropped.
 DROPPED_DISTANCE = 0.05  # [m]

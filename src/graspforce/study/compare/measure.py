@@ -17,7 +17,7 @@ from graspforce._util.clock import hot, no_op
 from graspforce.errors import MissingExtraError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
-from graspforce.solution.columns import Columns
+from graspforce.columns import Columns
 from graspforce.study.compare import flops
 from graspforce.study.compare.methods import Method
 from graspforce.study.compare.tasks import Task
