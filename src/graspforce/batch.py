@@ -750,9 +750,9 @@ class Batch(Sequence[Solution]):
     @cached_property
     def _by_themselves(self) -> NDArray[np.bool_]:
         """Rows with a contact out of the grasp, whose quantities their own Solution defines."""
-        by_themselves = ~self.problems.active.all(axis=1)
-        by_themselves[self._flawed] = False
-        return by_themselves
+        flawed = np.zeros(len(self), dtype=bool)
+        flawed[self._flawed] = True
+        return ~(flawed | self.problems.active.all(axis=1))
 
     @cached_property
     def _flawed(self) -> list[int]:

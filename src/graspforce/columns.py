@@ -52,10 +52,11 @@ class ProblemColumns(Sequence[ForceProblem]):
     @classmethod
     def of(cls, problems: Sequence[ForceProblem]) -> ProblemColumns:
         """Put problems of any layouts into arrays."""
-        return cls([
-            (indices, BatchProblems.stacked([problems[i].packed for i in indices], layout))
-            for layout, indices in _by_layout(problems)
-        ])  # fmt: skip
+        groups: list[tuple[NDArray[np.intp], BatchProblems]] = []
+        for layout, indices in _by_layout(problems):
+            packed = [problems[i].packed for i in map(int, indices)]
+            groups.append((indices, BatchProblems.stacked(packed, layout)))
+        return cls(groups)
 
     def __len__(self) -> int:
         return sum(len(rows) for _, rows in self.groups)
@@ -67,8 +68,8 @@ class ProblemColumns(Sequence[ForceProblem]):
     def __getitem__(self, index: int | slice) -> ForceProblem | list[ForceProblem]:
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
-        group, row = self._places.group[index], self._places.row[index]
-        return self.groups[group][1][int(row)]
+        group, row = int(self._places.group[index]), int(self._places.row[index])
+        return self.groups[group][1][row]
 
     def __iter__(self) -> Iterator[ForceProblem]:
         if len(self.groups) == 1:
@@ -108,10 +109,15 @@ class ProblemColumns(Sequence[ForceProblem]):
             advance: called with the number of rows that are done, now and then.
         """
         batches: list[tuple[NDArray[np.intp], Batch]] = []
+        before = 0
+
+        def tell(done: int) -> None:
+            if advance is not None:
+                advance(before + done)
+
         for indices, rows in self.groups:
-            before = sum(len(batch) for _, batch in batches)
-            tell = None if advance is None else lambda done, n=before: advance(n + done)
             batches.append((indices, solve_rows(rows, settings=settings, advance=tell)))
+            before += len(rows)
         return Columns.of_batches(batches)
 
 
@@ -140,10 +146,10 @@ class Columns(Sequence[Solution]):
     @cached_property
     def _groups(self) -> list[tuple[NDArray[np.intp], Batch]]:
         """The rows of each layout, and their places."""
-        solutions = self._solutions or ()
+        solutions: Sequence[Solution] = self._solutions or ()
         problems = [each.problem for each in solutions]
         return [
-            (indices, Batch.of([solutions[i] for i in indices], layout))
+            (indices, Batch.of([solutions[i] for i in map(int, indices)], layout))
             for layout, indices in _by_layout(problems)
         ]
 
@@ -167,8 +173,8 @@ class Columns(Sequence[Solution]):
             return Columns(self[i] for i in range(*index.indices(len(self))))
         if self._solutions is not None:
             return self._solutions[index]
-        group, row = self._places.group[index], self._places.row[index]
-        return self._groups[group][1][int(row)]
+        group, row = int(self._places.group[index]), int(self._places.row[index])
+        return self._groups[group][1][row]
 
     # ---- what the solver found ----------------------------------------------------------------
 

@@ -685,7 +685,8 @@ def undetermined(W: Array, J: Array) -> Any:
         G = np.swapaxes(M, -1, -2) @ M
         trace = np.trace(G, axis1=-2, axis2=-1)
         ridge = np.where(trace > 0, _RIDGE * trace, 1.0)[..., None, None] * np.eye(M.shape[-1])
-        rest = ~(trace * np.linalg.norm(np.linalg.inv(G + ridge), axis=(-2, -1)) < _SURELY_REGULAR)
+        size = trace * np.linalg.norm(np.linalg.inv(G + ridge), axis=(-2, -1))
+        rest = ~((trace > 0) & (size < _SURELY_REGULAR))
     sizes = np.linalg.svd(M[rest], compute_uv=False)
     ranks = (sizes > UNDETERMINED * sizes.max(axis=-1, initial=0.0, keepdims=True)).sum(axis=-1)
     counts[rest] = M.shape[-1] - ranks

@@ -9,7 +9,7 @@ from __future__ import annotations
 import operator
 import reprlib
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from types import UnionType
 from typing import Any, TypeAlias, TypeVar, cast

@@ -17,8 +17,8 @@ from rich.text import Text
 from graspforce._engine import native
 from graspforce._engine.outcome import Status
 from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, status_words
-from graspforce.errors import InvalidInputError, error_context
 from graspforce.columns import Columns
+from graspforce.errors import InvalidInputError, error_context
 
 if TYPE_CHECKING:
     from graspforce.files import NamedProblems, NamedSolutions

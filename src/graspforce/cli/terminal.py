@@ -165,7 +165,7 @@ def _stderr_console() -> Console:
 
 @contextmanager
 def progress_bar(total: int, what: str) -> Generator[Callable[[int], None]]:
-    """Show a progress bar on stderr, if that is a terminal; call what it gives with the number done."""
+    """Show a progress bar on stderr, if that is a terminal; tell it the number that is done."""
     from rich.progress import Progress
 
     console = _stderr_console()

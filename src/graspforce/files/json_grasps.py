@@ -15,7 +15,7 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from importlib import resources
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 from jsonschema_rs import Draft202012Validator, ValidationError
 
@@ -123,30 +123,29 @@ def _all_finite(value: Any) -> bool:
     if isinstance(value, float):
         return math.isfinite(value)
     if isinstance(value, list):
-        entries: list[Any] = value
+        entries = cast("list[Any]", value)
         try:
             return math.isfinite(math.fsum(entries))  # NaN and infinity stay what they are
         except (TypeError, OverflowError, ValueError):
             return all(map(_all_finite, entries))
-    return all(map(_all_finite, value.values())) if isinstance(value, dict) else True
+    if isinstance(value, dict):
+        return all(map(_all_finite, cast("dict[str, Any]", value).values()))
+    return True
 
 
-def _refuse_values(
-    value: Any, path: str, repeated: Sequence[tuple[dict[str, Any], str]]
-) -> None:
+def _refuse_values(value: Any, path: str, repeated: Sequence[tuple[dict[str, Any], str]]) -> None:
     """Say where the first number that is not finite, or key that is given twice, stands."""
     if isinstance(value, float) and not math.isfinite(value):
         raise InvalidInputError(f"{path}: got {value}, expected a finite number")
     if isinstance(value, dict):
-        entries: dict[str, Any] = value
+        entries = cast("dict[str, Any]", value)
         for owner, key in repeated:
             if owner is entries:
                 raise InvalidInputError(f"{path}: the key {_show(key)} is given twice")
         for key, item in entries.items():
             _refuse_values(item, f"{path}.{key}", repeated)
     elif isinstance(value, list):
-        items: list[Any] = value
-        for index, item in enumerate(items):
+        for index, item in enumerate(cast("list[Any]", value)):
             _refuse_values(item, f"{path}[{index}]", repeated)
 
 

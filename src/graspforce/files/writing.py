@@ -77,9 +77,12 @@ class _Table:
     def stacks(self) -> dict[str, tuple[Array, NDArray[np.int64]]]:
         """Return the vectors as stacks, in which short ones end in NaN, and their lengths."""
         columns = self.columns
-        stacks = {name: (getattr(columns, name), columns.lengths(name)) for name in _VECTORS}
-        if not self.size:  # and vectors of no length
-            stacks = dict.fromkeys(_VECTORS, (np.empty((0, 0)), np.empty(0, dtype=np.int64)))
+        stacks: dict[str, tuple[Array, NDArray[np.int64]]] = {
+            name: (getattr(columns, name), columns.lengths(name))
+            if self.size
+            else (np.empty((0, 0)), np.empty(0, dtype=np.int64))
+            for name in _VECTORS
+        }
         for part, rows in zip("yz", columns.certificates(), strict=True):
             stacks[f"certificate_{part}"] = filled_up(rows)
         return stacks
