@@ -4,7 +4,7 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: reproduce test docs picture matrix matrix-short lint wheels bench instructions campaign decrements fuzz soak soak-page portable clean
+.PHONY: reproduce test docs picture matrix matrix-short lint wheels bench instructions campaign batch-campaign decrements fuzz soak soak-page portable clean
 CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp' -o -name '*.[ch]')
 
 reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
@@ -51,6 +51,9 @@ campaign: $(VENV)/test.installed  ## a million random grasps against another sol
 	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-4 --save build/campaign.txt
 	$(VENV)/bin/python benchmarks/campaign.py --grasps 50000 --margin 1e-5 --save build/campaign.txt
 	mv build/campaign.txt benchmarks/results/campaign.txt
+
+batch-campaign: $(VENV)/test.installed  ## a million rows of solve_batch against solve, some 15 minutes
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python benchmarks/batch_campaign.py --save benchmarks/results/batch_campaign.txt
 
 decrements: $(VENV)/test.installed  ## the certified bounds of a hundred thousand ticks against NumPy, minutes
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python benchmarks/decrements.py --ticks 100000 --save benchmarks/results/decrements.txt

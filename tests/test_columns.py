@@ -5,7 +5,7 @@ import pytest
 from grasps import plant
 
 import graspforce as gf
-from graspforce.solution.columns import Columns
+from graspforce.columns import Columns
 
 VECTORS = ("c", "nu", "tau", "normal_forces", "friction_margins", "torque_margins")
 NUMBERS = (

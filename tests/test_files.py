@@ -16,11 +16,12 @@ from conftest import ALLEGRO
 from grasps import nose_cone
 from jsonschema import Draft202012Validator
 from pages import blocks
+from test_columns import make_problems
 
 import graspforce as gf
 from graspforce import files
+from graspforce.columns import Columns, ProblemColumns
 from graspforce.files import npz_grasps
-from graspforce.solution.columns import Columns
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -627,6 +628,21 @@ def numbers_and_vectors(results):
         vectors["certificate_y"] = proof.y if proof else np.empty(0)
         vectors["certificate_z"] = proof.z if proof else np.empty(0)
         yield numbers | {"alpha": solution.problem.alpha}, vectors
+
+
+@pytest.mark.parametrize("ending", ["json", "csv", "npz"])
+def test_arrays_of_results_are_written_as_one_result_after_the_other(tmp_path, ending):
+    problems = [p for p in make_problems() for _ in range(2)]
+    problems.append(problems[0].replace(f=1e300 * problems[0].f))
+    names = [str(i) for i in range(len(problems))]
+    columns = ProblemColumns.of(problems).solve()
+    assert {gf.Status.INVALID_NUMBERS, gf.Status.INFEASIBLE} < set(columns.status.tolist())
+    together, one_by_one = tmp_path / f"a.{ending}", tmp_path / f"b.{ending}"
+    files.write(together, files.NamedSolutions(names, columns))
+    files.write(one_by_one, list(zip(names, columns, strict=True)))
+    assert together.read_bytes() == one_by_one.read_bytes()
+    messages = [solution.message for solution in columns]
+    assert columns.messages() == messages
 
 
 def finite(x):

@@ -134,7 +134,7 @@ def test_methods_without_weights_refuse_them():
 def test_columns_weigh_as_the_problem_does():
     problems = [jaws((3, 5), 0.01).replace(f=[0, 0, z, 0, 0, 0]) for z in (1, 2)]
     solutions = [gf.solve(each) for each in problems]
-    from graspforce.solution.columns import Columns
+    from graspforce.columns import Columns
 
     np.testing.assert_allclose(Columns(solutions).phi, [each.phi for each in solutions])
 

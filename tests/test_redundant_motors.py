@@ -295,7 +295,7 @@ def test_files_hold_internal_forces_and_pulls(rng, tmp_path):
 
 
 def test_tables_of_many_have_the_motors_forces(rng):
-    from graspforce.solution.columns import Columns
+    from graspforce.columns import Columns
 
     solutions = [gf.solve(planted(np.random.default_rng(seed))[0]) for seed in range(3)]
     table = Columns(solutions)

@@ -6,9 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from conftest import ALLEGRO
 from grasps import plant
 
 import graspforce as gf
+from graspforce.contact import model_of
 from graspforce.scenarios.random import geometry, grasps
 
 # Derivatives, and differences, are as exact as the forces that they are taken at.
@@ -23,6 +25,22 @@ def rich_problem(seed):
         problem, load = geometry(rng)
         problem = problem.replace(f=problem.f + 0.3 * load)
         if problem.active.all() and gf.solve(problem, TIGHT).status is gf.Status.SOLVED:
+            return problem
+
+
+def with_pulls_and_weights(seed):
+    """A rich problem of which some contacts pull, and whose cones have weights."""
+    rng = np.random.default_rng(seed)
+    while True:
+        problem = rich_problem(seed)
+        pulls = rng.uniform(0.1, 2, problem.n) * (rng.random(problem.n) < 0.7)
+        pulls[0] = 1.0
+        pulling = [
+            model_of(model.dim, model.mu, model.gamma, pull)
+            for model, pull in zip(problem.models, pulls.tolist(), strict=True)
+        ]
+        problem = problem.replace(models=pulling, cone_weight=rng.uniform(0.3, 2, problem.n))
+        if gf.solve(problem, TIGHT).status is gf.Status.SOLVED:
             return problem
 
 
@@ -110,24 +128,30 @@ def test_every_field_against_differences_of_the_solver(seed):
     for name in problem.layout.slots:
         if not differentiable(problem, name) or (name in ("W", "f") and not full_rank):
             continue
-        value = np.asarray(getattr(problem, name))
-        for direction in entries(problem, name, rng):
-            if name == "engagement" and (value * direction).sum() == 1:
-                continue  # no room above
-            if name in ("J", "A") and not (value * direction).any():
-                continue  # would tie contacts together
-            if name == "c_min" and not (value * direction).any():
-                continue  # no room below
-            if name in ("mu", "gamma") and problem.layout.dims[int(direction.argmax())] == 1:
-                continue
-            found = derivatives.jvp(of=QUANTITIES, **{name: direction})
-            assert_agree(found, difference(problem, name, direction), name)
+        compare(derivatives, problem, name, rng)
 
 
+def compare(derivatives, problem, name, rng, most=3):
+    """Compare derivatives by some entries of a field with differences."""
+    value = np.asarray(getattr(problem, name))
+    for direction in entries(problem, name, rng, most):
+        if name == "engagement" and (value * direction).sum() == 1:
+            continue  # no room above
+        if name in ("J", "A") and not (value * direction).any():
+            continue  # would tie contacts together
+        if name in ("c_min", "pull") and not (value * direction).any():
+            continue  # no room below
+        if name in ("mu", "gamma") and problem.layout.dims[int(direction.argmax())] == 1:
+            continue
+        found = derivatives.jvp(of=QUANTITIES, **{name: direction})
+        assert_agree(found, difference(problem, name, direction), name)
+
+
+@pytest.mark.parametrize("make", [rich_problem, with_pulls_and_weights])
 @pytest.mark.parametrize("seed", range(10))
-def test_vjp_is_the_adjoint_of_jvp(seed):
+def test_vjp_is_the_adjoint_of_jvp(seed, make):
     rng = np.random.default_rng(seed)
-    problem = rich_problem(100 + seed)
+    problem = make(100 + seed)
     derivatives = gf.sensitivity(gf.solve(problem, TIGHT))
     changes = {
         name: rng.normal(size=slot.shape)
@@ -144,6 +168,17 @@ def test_vjp_is_the_adjoint_of_jvp(seed):
     right = [float(np.sum(back[name] * change)) for name, change in changes.items()]
     size = sum(map(abs, left)) + sum(map(abs, right))
     assert abs(sum(left) - sum(right)) <= 1e-10 * size
+
+
+@pytest.mark.parametrize("index", range(0, 12, 3))
+def test_a_real_hand(index):
+    """Allegro grasps, whose fingers' joints are coupled by their contacts."""
+    rng = np.random.default_rng(index)
+    problem = gf.files.read(ALLEGRO)[index].problem
+    answer = gf.solve(problem, TIGHT)
+    if answer.status is gf.Status.SOLVED:
+        for name in ("W", "f", "J", "mu", "tau_lo", "tau_hi", "tau_bias", "alpha"):
+            compare(gf.sensitivity(answer), problem, name, rng, most=2)
 
 
 def test_a_set_squeeze_follows_its_floor_and_ceiling(rng):
@@ -246,12 +281,34 @@ def test_what_is_no_quantity_or_field():
         gf.sensitivity(3)
 
 
-@pytest.mark.parametrize("name", ["pull", "internal", "cone_weight"])
-def test_fields_without_derivatives_are_refused_by_name(name):
-    problem = grasps(1, seed=4)[0]
-    models = [gf.PCWF(0.5, 1.0)] * 4 if name == "pull" else problem.models
-    further = {"internal": np.ones((1, 12)), "cone_weight": 0.5}
-    changes = {key: value for key, value in further.items() if key == name}
-    answer = gf.solve(problem.replace(models=models, **changes))
-    with pytest.raises(gf.InvalidInputError, match=f"^{name}: got a problem with it"):
+def test_internal_forces_are_refused_by_name():
+    answer = gf.solve(grasps(1, seed=4)[0].replace(internal=np.ones((1, 12))))
+    with pytest.raises(gf.InvalidInputError, match=r"^internal: got a problem with it"):
         gf.sensitivity(answer)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_contacts_that_pull_and_cones_with_weights(seed):
+    rng = np.random.default_rng(seed)
+    problem = with_pulls_and_weights(seed)
+    derivatives = gf.sensitivity(gf.solve(problem, TIGHT))
+    full_rank = np.linalg.matrix_rank(problem.W) == len(problem.W)
+    for name in problem.layout.slots:
+        if differentiable(problem, name) and (full_rank or name not in ("W", "f")):
+            compare(derivatives, problem, name, rng, most=2)
+
+
+def test_pulls_in_a_batch_with_rows_that_are_not_solved():
+    problem = with_pulls_and_weights(3)
+    fields = problem.arguments() | {"f": np.array([problem.f, 1e9 * problem.f, problem.f])}
+    fields["f"][2, 0] = np.nan
+    derivatives = gf.sensitivity(gf.solve_batch(**fields, settings=TIGHT))
+    assert derivatives.solved.tolist() == [True, False, False]
+    found = derivatives.vjp(c=np.ones((3, problem.m)))
+    alone = gf.sensitivity(gf.solve(problem, TIGHT)).vjp(c=np.ones(problem.m))
+    assert "pull" in found
+    for name, value in found.items():
+        np.testing.assert_allclose(value[0], alone[name], rtol=1e-7, atol=1e-9)
+        assert not value[1:].any()
+    (dc,) = derivatives.jvp(of=("c",), pull=np.ones(problem.n))
+    assert not dc[1:].any()

@@ -9,7 +9,7 @@ from grasps import KINDS, components, cone_matrix, plant
 
 import graspforce as gf
 from graspforce import baselines, files
-from graspforce.solution.columns import Columns
+from graspforce.columns import Columns
 
 OPTIONS = (
     {},

@@ -113,7 +113,6 @@ def test_bad_arguments_are_named(tensors):
     [
         ("models", gf.PCWF(0.5, 1.0), {}),
         ("internal", MODEL, {"internal": np.ones((1, 12))}),
-        ("cone_weight", MODEL, {"cone_weight": 0.5}),
     ],
 )
 def test_what_has_no_derivatives_is_refused_by_name(tensors, name, model, further):

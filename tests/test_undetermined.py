@@ -185,3 +185,17 @@ def test_the_directions_of_slipping_leave_none_out(axes, most, rng):
     largest = (t @ directions.T).max(axis=1) / np.linalg.norm(t, axis=1)
     assert largest.min() >= 1 - 1e-12
     assert largest.max() <= most
+
+
+def test_a_batch_is_counted_as_each_of_its_problems():
+    rng = np.random.default_rng(0)
+    W, J = rng.normal(size=(300, 6, 12)), 10.0 ** rng.uniform(-4, 0, 300)[:, None, None]
+    J = J * rng.normal(size=(300, 12, 8))
+    J[::3, :, 5:] = 0  # eleven rows for twelve components
+    J[::7] *= 10.0 ** rng.uniform(-12, -7, len(J[::7]))[:, None, None]
+    W[5], J[5] = 0, 0
+    J[8, :, 2:], W[8, :, 6:] = 0, W[8, :, :6] + 1e-11 * rng.normal(size=(6, 6))
+    counts = equations.undetermined(W, J)
+    alone = [equations.undetermined(*pair) for pair in zip(W, J, strict=True)]
+    assert counts.tolist() == alone
+    assert {0, 1, 6, 12} <= set(alone)

@@ -9,8 +9,8 @@ import numpy as np
 
 from graspforce._engine.layout import FIELDS
 from graspforce._engine.settings import Settings
-from graspforce._util.arrays import Array, require_keywords
-from graspforce.batch import BatchProblems, solve_batch
+from graspforce._util.arrays import Array, came, require_keywords
+from graspforce.batch import BatchProblems, solve_rows
 from graspforce.contact import ContactModel, model_of, models_for
 from graspforce.derivatives import Sensitivity
 from graspforce.errors import InvalidInputError
@@ -32,18 +32,18 @@ def gather(
     """
     require_keywords(options, [*ProblemOptions.__annotations__, "mu", "gamma"], "solve")
     each = models_for(models, W.shape[-1])
-    refused = {name: options.get(name) for name in ("internal", "cone_weight")}
-    refused["models"] = next((model for model in each if model.pull > 0), None)
-    for name, value in refused.items():
-        if value is not None:
-            raise InvalidInputError(
-                f"{name}: got {value!r}, of which there are no derivatives yet; expected none"
-            )
+    if options.get("internal") is not None:
+        raise InvalidInputError(
+            f"internal: got {came(options['internal'])}, of which there are no derivatives yet; "
+            "expected none"
+        )
     fields = {"W": W, "f": f} | {
         name: value for name, value in options.items() if value is not None
     }
     for name in ("mu", "gamma"):
         fields.setdefault(name, [float(getattr(model, name)) for model in each])
+    if any(model.pull > 0 for model in each):
+        fields.setdefault("pull", [float(model.pull) for model in each])
     fields.setdefault("alpha", 5.0)
     return fields, tuple(model.dim for model in each)
 
@@ -52,8 +52,7 @@ def solve_fields(
     fields: Mapping[str, Any], dims: Sequence[int], settings: Settings
 ) -> tuple[Array, Array, Array, Any]:
     """Return c, tau, nu and status, a row for each problem."""
-    given = dict(fields)
-    batch = solve_batch(given.pop("W"), given.pop("f"), _models(dims), settings=settings, **given)
+    batch = solve_rows(_problems(fields, dims), settings=settings)
     return batch.c, batch.tau, batch.nu, batch.status
 
 
@@ -73,7 +72,7 @@ def pull_back(
         gradients: by c and tau.
         wanted: the fields to differentiate by.
     """
-    problems = BatchProblems.of(_models(dims), fields)
+    problems = _problems(fields, dims)
     known = [name for name in wanted if name != "engagement" or problems.layout.ceilings]
     by_row = Sensitivity(problems, *found).vjp(wrt=tuple(known), **gradients)
     result: dict[str, Array] = {}
@@ -98,5 +97,6 @@ def _unbroadcast(value: Array, shape: tuple[int, ...], axes: int) -> Array:
     return value.sum(axis=repeated, keepdims=True).reshape(shape)
 
 
-def _models(dims: Sequence[int]) -> list[ContactModel]:
-    return [model_of(dim, 1.0, 1.0) for dim in dims]
+def _problems(fields: Mapping[str, Any], dims: Sequence[int]) -> BatchProblems:
+    pull = 1.0 if "pull" in fields else 0.0
+    return BatchProblems.of([model_of(dim, 1.0, 1.0, pull) for dim in dims], fields)

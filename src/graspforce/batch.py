@@ -29,7 +29,7 @@ from graspforce._engine.layout import FIELDS, Layout
 from graspforce._engine.outcome import PlainOutcome, Status
 from graspforce._engine.settings import DEFAULT, Settings
 from graspforce._util.arrays import Array, as_integer, as_rows, index_of, require_instance
-from graspforce.contact import ContactModel, models_for
+from graspforce.contact import ContactModel, model_of, models_for
 from graspforce.errors import InvalidInputError
 from graspforce.problem import (
     REMOVAL_THRESHOLD,
@@ -38,12 +38,16 @@ from graspforce.problem import (
     require_groups,
     require_known,
 )
-from graspforce.solution import Solution
-from graspforce.solution.columns import FROM_DATA, ROWS_AT_ONCE, ProblemRows
+from graspforce.solution import Solution, solved_in_words
+from graspforce.solution.rows import FROM_DATA, ROWS_AT_ONCE, ProblemRows
 from graspforce.solution.verification import BOUND_TOLERANCE, WRENCH_TOLERANCE
 
-# Rows converted together where an array is not float64 with its rows side by side.
-_CONVERTED_AT_ONCE = 16384
+# Rows solved together where an array is not float64 with its rows side by side, and converted, or
+# where somebody waits to be told.
+_PART = 16384
+
+# Rows packed together, so few that they stay in the cache.
+_PACKED = 512
 
 # Problems of a stream that are held at once.
 _SOLVED_AT_ONCE = 8192
@@ -142,22 +146,33 @@ def solve_batch(
             start.c if isinstance(start, Batch) else start, "start", (rows.layout.sizes["m"],)
         )
         guess = _fit_rows(guess, 1, len(rows), "start", f"the problems' {len(rows)} rows")
-    return _solve(rows, guess, settings, threads, out)
+    return solve_rows(rows, guess, settings, threads, out)
 
 
-def _solve(
+def solve_rows(
     rows: BatchProblems,
-    start: Array | None,
-    settings: Settings | None,
-    threads: int | None,
+    start: Array | None = None,
+    settings: Settings | None = None,
+    threads: int | None = None,
     out: Batch | None = None,
+    advance: Callable[[int], None] | None = None,
 ) -> Batch:
+    """Solve problems whose shapes were checked, as :func:`solve_batch` does.
+
+    Args:
+        rows: the problems.
+        start: forces to start from, shape (m,) or (B, m).
+        settings: as of solve_batch.
+        threads: likewise.
+        out: likewise.
+        advance: called with the number of rows that are done, now and then.
+    """
     settings = DEFAULT if settings is None else settings
     require_instance(settings, "settings", Settings)
     most = available_cores() if threads is None else as_integer(threads, "threads", 1)
     found = _Found.empty(len(rows), rows.layout) if out is None else out.found
-    solve_rows = _solve_by_reference if settings.backend == "reference" else _solve_by_core
-    return Batch(rows, found, solve_rows(rows, start, found, settings, most))
+    by_backend = _solve_by_reference if settings.backend == "reference" else _solve_by_core
+    return Batch(rows, found, by_backend(rows, start, found, settings, most, advance))
 
 
 def available_cores() -> int:
@@ -172,6 +187,12 @@ class BatchProblems(Sequence[ForceProblem]):
 
     def __init__(self, layout: Layout, fields: Mapping[str, NDArray[Any]], count: int) -> None:
         self.layout, self.fields, self._count = layout, fields, count
+
+    @classmethod
+    def stacked(cls, packed: ArrayLike, layout: Layout) -> BatchProblems:
+        """Return problems whose numbers are the rows of an array, as of ``ForceProblem.packed``."""
+        whole = np.asarray(packed, dtype=np.float64)
+        return cls(layout, layout.views(whole), len(whole))
 
     @classmethod
     def of(
@@ -230,10 +251,61 @@ class BatchProblems(Sequence[ForceProblem]):
             return BatchProblems(self.layout, self._each(lambda rows: rows[index]), count)
         return ForceProblem.from_packed(self.layout, self.packed(index))
 
+    def __iter__(self) -> Iterator[ForceProblem]:
+        """Yield the problems, whose numbers are the rows of arrays."""
+        for packed in self._all_packed():
+            yield ForceProblem.from_packed(self.layout, packed)
+
+    def _all_packed(self) -> Iterator[Array]:
+        """Yield the numbers of every row."""
+        for first in range(0, len(self), _PACKED):
+            part = self[first : first + _PACKED]
+            whole = np.empty((len(part), self.layout.slots["alpha"].stop))
+            for name, view in self.layout.views(whole).items():
+                view[...] = part.fields[name]
+            yield from whole
+
     def packed(self, row: int) -> Array:
         """Return a row's numbers in one buffer, as the core reads them; not checked."""
         one = self._each(lambda rows: rows[row])
         return np.concatenate([np.ravel(value) for value in one.values()]).astype(np.float64)
+
+    def replace(self, **changes: Any) -> BatchProblems:
+        """Return the problems with some arguments changed, for all or a row each.
+
+        Raises:
+            InvalidInputError: as :func:`solve_batch`.
+        """
+        layout = self.layout
+        given = {name: v for name, v in self.fields.items() if 0 not in layout.slots[name].shape}
+        if not layout.ceilings:
+            del given["engagement"]
+        models = [model_of(dim, 1.0, 1.0, float(layout.pulls)) for dim in layout.dims]
+        return BatchProblems.of(models, given | changes)
+
+    def first_flaw(self) -> tuple[int, native.Flaw] | None:
+        """Return the first row whose numbers make no problem, and why."""
+        find = native.module.find_flaw
+        for row, packed in enumerate(self._all_packed()):
+            flaw = find(self.layout, packed)
+            if flaw is not None:
+                return row, flaw
+        return None
+
+    def undetermined(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return ``ForceProblem.undetermined`` of some rows, all of them with finite numbers."""
+        counts = np.zeros(len(rows), dtype=np.intp)
+        if not self.layout.joints:
+            return counts
+        whole = self.active[rows].all(axis=1)
+        data = self.data()
+        for first in range(0, len(rows), ROWS_AT_ONCE):
+            some = slice(first, first + ROWS_AT_ONCE)
+            at = rows[some]
+            counts[some] = equations.undetermined(data["W"][at], data["J"][at])
+        for place in np.flatnonzero(~whole).tolist():
+            counts[place] = self[int(rows[place])].undetermined
+        return counts
 
     def has_rows(self, name: str) -> bool:
         """Whether a field has a row for each problem."""
@@ -325,13 +397,18 @@ _Proofs = dict[int, tuple[Array, Array]]
 
 
 def _solve_by_core(
-    rows: BatchProblems, start: Array | None, found: _Found, settings: Settings, threads: int
+    rows: BatchProblems,
+    start: Array | None,
+    found: _Found,
+    settings: Settings,
+    threads: int,
+    advance: Callable[[int], None] | None,
 ) -> _Proofs:
     names = list(rows.layout.slots)
     converted = [name for name in names if not rows.read_in_place(name)]
     if start is not None and start.ndim > 1 and not _lies_side_by_side(start):
         converted.append("start")
-    size = _CONVERTED_AT_ONCE if converted else max(1, len(rows))
+    size = _PART if converted or advance else max(1, len(rows))
     budget_us = math.inf if settings.budget_us is None else settings.budget_us
     k, proofs = rows.layout.wrench_rows, _Proofs()
     for first in range(0, len(rows), size):
@@ -352,11 +429,18 @@ def _solve_by_core(
         )  # fmt: skip
         for index, line in zip(indices.tolist(), certificates, strict=True):
             proofs[first + index] = line[:k], line[k:]
+        if advance is not None:
+            advance(first + len(part))
     return proofs
 
 
 def _solve_by_reference(
-    rows: BatchProblems, start: Array | None, found: _Found, settings: Settings, threads: int
+    rows: BatchProblems,
+    start: Array | None,
+    found: _Found,
+    settings: Settings,
+    threads: int,
+    advance: Callable[[int], None] | None,
 ) -> _Proofs:
     """Solve row by row with the NumPy transcription of the paper."""
     proofs = _Proofs()
@@ -380,6 +464,8 @@ def _solve_by_reference(
                 value[i] = getattr(outcome, name)
         if outcome.y is not None and outcome.z is not None:
             proofs[i] = outcome.y, outcome.z
+        if advance is not None:
+            advance(i + 1)
     return proofs
 
 
@@ -427,9 +513,7 @@ def iterate_many(
         solutions: dict[int, Solution] = {}
         for layout, rows in groups.items():
             packed = np.array([window[i].packed for i in rows])
-            batch = _solve(
-                BatchProblems(layout, layout.views(packed), len(rows)), None, settings, threads
-            )
+            batch = solve_rows(BatchProblems.stacked(packed, layout), None, settings, threads)
             for place, i in enumerate(rows):
                 solutions[i] = Solution(batch.outcome(place), window[i])
         for i in range(len(window)):
@@ -445,6 +529,25 @@ class Batch(Sequence[Solution]):
     def __init__(self, problems: BatchProblems, found: _Found, proofs: _Proofs) -> None:
         self.problems, self.found = problems, found
         self._proofs = proofs
+
+    @classmethod
+    def of(cls, solutions: Sequence[Solution], layout: Layout) -> Batch:
+        """Return solutions of problems of one layout as a batch."""
+        problems = BatchProblems.stacked([each.problem.packed for each in solutions], layout)
+        found = _Found.empty(len(solutions), layout)
+        proofs = _Proofs()
+        for row, each in enumerate(solutions):
+            found.forces[row] = np.append(each.c, each.internal_forces)
+            for name, values in vars(found).items():
+                if name != "forces":
+                    values[row] = getattr(each, name)
+            proof = each.certificate
+            if proof is not None:
+                counted = each.problem.counted_limits()
+                z = np.zeros(len(counted))
+                z[counted] = proof.z
+                proofs[row] = proof.y, z
+        return cls(problems, found, proofs)
 
     # ---- what the solver found ----------------------------------------------------------------
 
@@ -506,13 +609,16 @@ class Batch(Sequence[Solution]):
     @property
     def suboptimality(self) -> Array:
         """Certified bounds on Phi(c) − Phi*, shape (B,); inf without one."""
-        inside = self.decrement < 1
-        bound = np.where(inside, self.decrement, 0.0)
         units = np.minimum(1.0, self.problems.fields["alpha"])
         if self.problems.layout.cone_weights:
             weights = np.where(self.problems.active, self.problems.fields["cone_weight"], 1.0)
             units = np.minimum(units, weights.min(axis=1, initial=1.0))
-        return np.where(inside, units * (-bound - np.log1p(-bound)), np.inf)
+        return units * equations.suboptimality(self.decrement)
+
+    @property
+    def proved(self) -> list[int]:
+        """The rows with a certificate of infeasibility."""
+        return sorted(self._proofs)
 
     # ---- what follows from the problems' data -------------------------------------------------
 
@@ -565,6 +671,22 @@ class Batch(Sequence[Solution]):
         row = self._row(row)
         flaw = native.module.find_flaw(self.problems.layout, self.problems.packed(row))
         return self[row].message if flaw is None else native.describe(flaw)
+
+    def messages(self) -> list[str]:
+        """Return the verdicts in words, those of :attr:`Solution.message`."""
+        solved = np.flatnonzero(self.solved)
+        texts = [""] * len(self)
+        rows = zip(
+            solved.tolist(), self.newton_steps[solved].tolist(),
+            self.suboptimality[solved].tolist(), self.problems.undetermined(solved).tolist(),
+            strict=True,
+        )  # fmt: skip
+        m = self.problems.layout.sizes["m"]
+        for row, steps, bound, free in rows:
+            texts[row] = solved_in_words(steps, bound, free, m)
+        for row in np.flatnonzero(~self.solved).tolist():
+            texts[row] = self[row].message
+        return texts
 
     def verify(self) -> BatchVerification:
         """Recompute every residual from the problems' data, as :meth:`Solution.verify` does.
@@ -628,7 +750,19 @@ class Batch(Sequence[Solution]):
     @cached_property
     def _by_themselves(self) -> NDArray[np.bool_]:
         """Rows with a contact out of the grasp, whose quantities their own Solution defines."""
-        return ~self.problems.active.all(axis=1) & (self.status != Status.INVALID_NUMBERS)
+        flawed = np.zeros(len(self), dtype=bool)
+        flawed[self._flawed] = True
+        return ~(flawed | self.problems.active.all(axis=1))
+
+    @cached_property
+    def _flawed(self) -> list[int]:
+        """Rows whose numbers make no problem; others of INVALID_NUMBERS overflow."""
+        find, layout = native.module.find_flaw, self.problems.layout
+        return [
+            row
+            for row in np.flatnonzero(self.status == Status.INVALID_NUMBERS).tolist()
+            if find(layout, self.problems.packed(row)) is not None
+        ]
 
     def _from_data(self, name: str) -> Array:
         parts = [chunk._compute(name) for chunk in self._chunks()]
@@ -644,7 +778,7 @@ class Batch(Sequence[Solution]):
             values = np.array(FROM_DATA[name](self._together()))
         for row in np.flatnonzero(self._by_themselves).tolist():
             values[row] = getattr(self[row], name)
-        values[self.status == Status.INVALID_NUMBERS] = _OF_INVALID[name]
+        values[self._flawed] = _OF_INVALID[name]
         return values
 
     def _verify(self, chunk: Batch) -> tuple[NDArray[Any], ...]:

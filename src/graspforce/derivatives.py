@@ -29,7 +29,7 @@ from graspforce._util.arrays import Array, as_array, require_instance, require_k
 from graspforce.batch import Batch, BatchProblems, available_cores
 from graspforce.equations import by_contact, stacked
 from graspforce.errors import InvalidInputError
-from graspforce.problem import SQUEEZE, all_limits, with_bands
+from graspforce.problem import SQUEEZE, all_limits, preload, with_bands, without_pulls
 from graspforce.solution import Solution
 
 # Rows whose derivatives are computed together; bounds the memory for their limits.
@@ -67,16 +67,18 @@ class Sensitivity:
         solved: NDArray[np.bool_],
         single: bool = False,
     ) -> None:
-        self._problems, self._c, self._nu = problems, c, nu
-        self._solved, self._single = solved, single
+        self._nu, self._solved, self._single = nu, solved, single
         self._layout = layout = problems.layout
-        not_known = {
-            "pull": layout.pulls, "internal": layout.internals, "cone_weight": layout.cone_weights,
-        }  # fmt: skip
-        for name, there in not_known.items():
-            if there:
-                raise InvalidInputError(f"{name}: got a problem with it, of which there are no "
-                                        "derivatives yet; expected one without")  # fmt: skip
+        if layout.internals:
+            raise InvalidInputError(
+                "internal: got a problem with it, of which there are no derivatives yet; "
+                "expected one without"
+            )
+        # The formulas are those of ordinary cones.
+        self._pulls = _Pulls(problems, c, solved) if layout.pulls else None
+        self._problems, self._c = (
+            (problems, c) if self._pulls is None else (self._pulls.problems, self._pulls.forces)
+        )
 
     @property
     def solved(self) -> Any:
@@ -100,11 +102,17 @@ class Sensitivity:
         """
         require_keywords(of, QUANTITIES, "sensitivity")
         tangents = {name: self._rows(changes[name], name) for name in self._names(changes)}
+        moved = None
+        if self._pulls is not None:
+            tangents, moved = self._pulls.push_forward(tangents, self._solved)
         parts = [
             self._part(part).push_forward({n: v[part] for n, v in tangents.items()}, of)
             for part in self._parts()
         ]
-        return tuple(self._out(np.concatenate(each)) for each in zip(*parts, strict=True))
+        found = {name: np.concatenate(each) for name, *each in zip(of, *parts, strict=True)}
+        if moved is not None and "c" in found:
+            found["c"] = found["c"] - moved
+        return tuple(self._out(found[name]) for name in of)
 
     def vjp(
         self, *, wrt: tuple[str, ...] | None = None, **gradients: ArrayLike
@@ -131,15 +139,20 @@ class Sensitivity:
             )
             for name, value in gradients.items()
         }
-        problems, layout = self._problems, self._layout
-        out = {name: np.empty((len(problems), *layout.slots[name].shape)) for name in names}
+        problems = self._problems
+        layout, inner = problems.layout, names
+        if self._pulls is not None:
+            inner = self._pulls.needed(names)
+        out = {name: np.empty((len(problems), *layout.slots[name].shape)) for name in inner}
         native.module.pull_back_batch(
             layout, len(problems), _in_place(problems), np.ascontiguousarray(self._c),
             np.ascontiguousarray(self._nu), self._solved.copy(),
             [given.get(name) for name in QUANTITIES], [out.get(name) for name in layout.slots],
             available_cores(),
         )  # fmt: skip
-        return {name: self._out(value) for name, value in out.items()}
+        if self._pulls is not None:
+            out = self._pulls.pull_back(out, given.get("c"), self._solved)
+        return {name: self._out(out[name]) for name in names}
 
     def jacobian(self, wrt: str, of: str = "c") -> Array:
         """Return the derivative of one quantity by one field, shape ``(B, *quantity, *field)``.
@@ -201,6 +214,87 @@ class Sensitivity:
         return value[0] if self._single else value
 
 
+class _Pulls:
+    """A batch whose contacts pull, as one of ordinary cones: in c + p along every normal.
+
+    p is engagement·pull where a contact is in the grasp. With it ``W c' = f + W p`` and so on, see
+    :func:`graspforce.problem.without_pulls`.
+
+    Attributes:
+        problems: the ordinary ones.
+        forces: theirs, c + p, shape (B, m).
+    """
+
+    def __init__(self, problems: BatchProblems, c: Array, solved: NDArray[np.bool_]) -> None:
+        layout, self._data = problems.layout, _harmless(problems.data(), solved)
+        self._normals = np.cumsum((0, *layout.dims[:-1]))
+        self._there = problems.active
+        self._shift = preload(layout, self._data)  # p
+        inner, fields = without_pulls(layout, self._data)
+        self.problems = BatchProblems(inner, fields, len(problems))
+        self.forces = c + self._shift
+
+    def needed(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """The fields of the ordinary problem by which gradients are needed for those by `names`."""
+        by_pull = {"pull", "engagement"} & set(names)
+        follow = set(names) - {"pull"}
+        follow |= {"f"} if by_pull or "W" in names else set()
+        follow |= {"tau_bias"} if by_pull or "J" in names else set()
+        follow |= {"b"} if by_pull or "A" in names else set()
+        follow |= {"c_max", "c_min", "c_last"} if by_pull else set()
+        slots = self.problems.layout.slots
+        return tuple(name for name in slots if name in follow and 0 not in slots[name].shape)
+
+    def pull_back(
+        self, inner: dict[str, Array], to_c: Array | None, solved: NDArray[np.bool_]
+    ) -> dict[str, Array]:
+        """Return the gradients by the fields from those by the ordinary problem's."""
+        out, p, data = dict(inner), self._shift, self._data
+        zero = {name: np.zeros(data[name].shape) for name in ("f", "tau_bias", "b", "c_last")}
+        f, tau_bias, b, c_last = (inner.get(name, zero[name]) for name in zero)
+        if "W" in out:
+            out["W"] = out["W"] + f[..., None] * p[:, None]
+        if "J" in out:
+            out["J"] = out["J"] - p[..., None] * tau_bias[:, None]
+        if "A" in out:
+            out["A"] = out["A"] + b[..., None] * p[:, None]
+        by_p = _times(np.swapaxes(data["W"], 1, 2), f) - _times(data["J"], tau_bias)
+        by_p = by_p + _times(np.swapaxes(data["A"], 1, 2), b)
+        if c_last.size:
+            by_p = by_p + c_last
+        if to_c is not None:
+            by_p = by_p - to_c
+        by_p = np.where(self._there & solved[:, None], by_p[:, self._normals], 0.0)
+        out["pull"] = data["engagement"] * by_p
+        for name in ("c_max", "c_min"):
+            out["pull"] = out["pull"] + inner.get(name, 0.0)
+        if "engagement" in out:
+            out["engagement"] = out["engagement"] + data["pull"] * by_p
+        return {name: np.where(_as(solved, value), value, 0.0) for name, value in out.items()}
+
+    def push_forward(
+        self, change: dict[str, Array], solved: NDArray[np.bool_]
+    ) -> tuple[dict[str, Array], Array]:
+        """Return what changes of fields are to the ordinary problem, and the change of p."""
+        data, p = self._data, self._shift
+        d = {name: change.get(name, np.zeros(value.shape)) for name, value in data.items()}
+        by_contact = d["engagement"] * data["pull"] + data["engagement"] * d["pull"]
+        dp = np.zeros(p.shape)
+        dp[:, self._normals] = np.where(self._there & solved[:, None], by_contact, 0.0)
+        moved = {name: value for name, value in d.items() if name != "pull"}
+        moved["f"] = d["f"] + _times(d["W"], p) + _times(data["W"], dp)
+        arms = [np.swapaxes(each, 1, 2) for each in (d["J"], data["J"])]
+        moved["tau_bias"] = d["tau_bias"] - _times(arms[0], p) - _times(arms[1], dp)
+        moved["b"] = d["b"] + _times(d["A"], p) + _times(data["A"], dp)
+        for name in ("c_max", "c_min"):
+            if d[name].size:
+                moved[name] = d[name] + d["pull"]
+        if d["c_last"].size:
+            moved["c_last"] = d["c_last"] + dp
+        slots = self.problems.layout.slots
+        return {n: value for n, value in moved.items() if 0 not in slots[n].shape}, dp
+
+
 class _Rows:
     """G rows with all that the formulas share."""
 
@@ -209,12 +303,8 @@ class _Rows:
     ) -> None:
         self.problems, self.c, self.nu, self.solved = problems, c, nu, solved
         self.layout = problems.layout
-        self.data = self.problems.data()
-        if not self.solved.all():  # in place of numbers that may be anything, harmless ones
-            self.data = {
-                name: np.where(_as(self.solved, value), value, 1.0)
-                for name, value in self.data.items()
-            }
+        self.data = _harmless(self.problems.data(), self.solved)
+        if not self.solved.all():
             self.nu = np.where(self.solved[:, None], self.nu, 0.0)
         given, self.data = self.data, dict(with_bands(self.layout, self.data))
         # Where a set squeeze moves a bound away from the other, that other is what it follows.
@@ -235,7 +325,10 @@ class _Rows:
         self.in_grasp = self.problems.active & self.solved[:, None]
         self.y = by_contact(self.c, self.layout.dims)
         g = (self.D * self.y**2).sum(axis=-1)
-        self.over_g = np.where(self.in_grasp, 1.0, 0.0) / np.where(self.in_grasp, g, 1.0)
+        self.g = np.where(self.in_grasp, g, 1.0)
+        self.over_g = np.where(self.in_grasp, 1.0, 0.0) / self.g
+        weights = self.layout.cone_weights
+        self.cone_weight = self.data["cone_weight"] if weights else np.ones(g.shape)
         self.exact = np.ones(self.nu.shape)
         if self.layout.soft_wrench:
             self.exact = np.where(self.data["f_soft"] > 0, 0.0, 1.0)
@@ -282,7 +375,10 @@ class _Rows:
         top += self.alpha * (_times(np.swapaxes(dA, 1, 2), i) - _times(rows, i**2 * slack_change))
         dg = (dD * self.y**2).sum(axis=-1)
         bend = -2 * self.over_g[..., None] * self.y
-        top += stacked(bend * (dD - self.D * (dg * self.over_g)[..., None]), self.layout.dims)
+        of_cones = self.cone_weight[..., None] * (dD - self.D * (dg * self.over_g)[..., None])
+        if self.layout.cone_weights:
+            of_cones = of_cones + d["cone_weight"][..., None] * self.D
+        top += stacked(bend * of_cones, self.layout.dims)
         top = _times(np.swapaxes(d["W"], 1, 2), self.nu) - top
         bottom = d["f"] - _times(d["W"], self.c)
         if self.layout.soft_wrench:
@@ -319,7 +415,10 @@ class _Rows:
         i, c = self.inverse, self.c
         logs = -np.log(np.where(i > 0, i, 1.0)).sum(axis=1)  # Σ ln r
         value = -d["alpha"] * logs - (self.alpha * i * slack_change).sum(axis=1)
-        value = value - (self.over_g * (dD * self.y**2).sum(axis=-1)).sum(axis=1)
+        dg = (dD * self.y**2).sum(axis=-1)
+        value = value - (self.cone_weight * self.over_g * dg).sum(axis=1)
+        if self.layout.cone_weights:
+            value = value - (d["cone_weight"] * np.log(self.g)).sum(axis=1)
         if self.layout.soft_wrench:
             soft = (1 - self.exact) * self.nu
             value = value + (soft * (d["f"] - _times(d["W"], c))).sum(axis=1)
@@ -366,6 +465,13 @@ def _in_place(problems: BatchProblems) -> list[Array]:
     ]
 
 
+def _harmless(data: dict[str, Array], solved: NDArray[np.bool_]) -> dict[str, Array]:
+    """Return fields without the numbers of rows that are not solved, which may be anything."""
+    if solved.all():
+        return data
+    return {name: np.where(_as(solved, value), value, 1.0) for name, value in data.items()}
+
+
 def _times(A: Array, x: Array) -> Array:
     return (A @ x[..., None])[..., 0]
 
@@ -384,8 +490,7 @@ def sensitivity(answer: Solution | Batch) -> Sensitivity:
         answer: what :func:`graspforce.solve` or :func:`graspforce.solve_batch` returned.
 
     Raises:
-        InvalidInputError: something else; a problem with ``internal``, with ``cone_weight``, or
-            with contacts that pull.
+        InvalidInputError: something else; a problem with ``internal``.
     """
     require_instance(answer, "answer", Solution | Batch, "a Solution or a Batch")
     if isinstance(answer, Batch):

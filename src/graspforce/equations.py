@@ -26,7 +26,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from graspforce._util.arrays import Array
 from graspforce.contact import ContactModel, cone_scalings
@@ -39,6 +39,9 @@ RANK_TOLERANCE = 1e-13
 # Singular values of W and J below this share of the largest are of contact points that differ by
 # rounding: a row of it alone must not be scaled up.
 UNDETERMINED = 1e-9
+# That none are, a Gram matrix says whose trace times the norm of its inverse is below this; and the
+# share of the trace that keeps the inverse of a singular one finite.
+_SURELY_REGULAR, _RIDGE = 1e10, 1e-13
 # Forces this many times as large as what the limits are made for mean that nothing holds them.
 RUNAWAY = 1e6
 
@@ -664,15 +667,30 @@ def relative_wrench_error(c: Array, W: Array, f: Array) -> Any:
     return wrench_error(c, W, f) / np.where(scale == 0, 1.0, scale)
 
 
-def undetermined(W: Array, J: Array) -> int:
+def undetermined(W: Array, J: Array) -> Any:
     """How many components of c neither W c nor J.T c determines.
 
     Args:
-        W: grasp map of one problem, shape (k, m).
-        J: hand Jacobian, shape (m, n_joints).
+        W: grasp map, shape (…, k, m).
+        J: hand Jacobian, shape (…, m, n_joints).
+
+    Returns:
+        A number for each problem, shape (…); an int for one alone.
     """
-    sizes = np.linalg.svd(np.vstack((W, J.T)), compute_uv=False)
-    return W.shape[1] - int((sizes > UNDETERMINED * sizes.max(initial=0.0)).sum())
+    M = np.concatenate((W, np.swapaxes(J, -1, -2)), axis=-2)
+    counts = np.zeros(M.shape[:-2], dtype=np.intp)
+    rest = np.ones(counts.shape, dtype=bool)
+    if rest.size > 1:
+        # Most matrices are far from losing rank, and an inverse says so in a third of the time.
+        G = np.swapaxes(M, -1, -2) @ M
+        trace = np.trace(G, axis1=-2, axis2=-1)
+        ridge = np.where(trace > 0, _RIDGE * trace, 1.0)[..., None, None] * np.eye(M.shape[-1])
+        size = trace * np.linalg.norm(np.linalg.inv(G + ridge), axis=(-2, -1))
+        rest = ~((trace > 0) & (size < _SURELY_REGULAR))
+    sizes = np.linalg.svd(M[rest], compute_uv=False)
+    ranks = (sizes > UNDETERMINED * sizes.max(axis=-1, initial=0.0, keepdims=True)).sum(axis=-1)
+    counts[rest] = M.shape[-1] - ranks
+    return counts if counts.ndim else int(counts)
 
 
 def wrench_reachable(W: Array, f: Array) -> bool:
@@ -697,16 +715,18 @@ def decrement_after(step: float) -> float:
     return (step / (1 - step)) ** 2 if step < 1 else math.inf
 
 
-def suboptimality(decrement: float) -> float:
+def suboptimality(decrement: ArrayLike) -> Array:
     """Bound on how far a standard self-concordant function is above its minimum.
 
     Args:
-        decrement: bound on the Newton decrement λ at the point.
+        decrement: bound on the Newton decrement λ at the point, of any shape.
 
     Returns:
         −λ − ln(1 − λ); inf where λ is not below 1.
     """
-    return -decrement - math.log1p(-decrement) if decrement < 1 else math.inf
+    inside = np.less(decrement, 1)
+    bound = np.where(inside, decrement, 0.0)
+    return np.where(inside, -bound - np.log1p(-bound), np.inf)
 
 
 def decrement_and_error(c: Array, W: Array, barriers: Barriers) -> tuple[float, float]:

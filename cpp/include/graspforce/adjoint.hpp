@@ -269,20 +269,26 @@ class Adjoint {
     }
   }
 
-  // Of x·∇ ln g + phi times −ln g, for g = (mu n)² − ‖w t‖².
+  // Of the cones' weights times x·∇ ln g − phi ln g, for g = (mu n)² − ‖w t‖².
   void add_cones(const Problem& p, const double* c, double phi, const double* x,
                  const Fields<double*>& out) const {
     each_contact([&](int i, int first, int dim) {
-      if (!p.in_grasp(i) || dim == 1) return;
-      const double *y = c + first, *z = x + first, mu = p.mu[i], torsion = mu / p.gamma[i];
+      if (!p.in_grasp(i) || (dim == 1 && !layout_.cone_weights)) return;
+      const double *y = c + first, *z = x + first;
+      const double mu = dim == 1 ? 1 : p.mu[i], torsion = mu / p.gamma[i];
       double g = mu * mu * y[0] * y[0], q = mu * mu * y[0] * z[0];
       for (int d = 1; d < dim; ++d) {
         g -= weight(d, torsion) * y[d] * y[d];
         q -= weight(d, torsion) * y[d] * z[d];
       }
       const double over = 1 / g;
+      if (layout_.cone_weights) {
+        add(out.cone_weight, i, 2 * q * over - (phi != 0 ? phi * std::log(g) : 0));
+        if (dim == 1) return;
+      }
+      const double share = layout_.cone_weights ? p.cone_weight[i] : 1;
       auto by_square = [&](int d) {
-        return over * y[d] * (2 * z[d] - (2 * q * over + phi) * y[d]);
+        return share * over * y[d] * (2 * z[d] - (2 * q * over + phi) * y[d]);
       };
       add(out.mu, i, 2 * mu * by_square(0));
       if (dim > 3) add_torsion(p, i, -by_square(3), out);

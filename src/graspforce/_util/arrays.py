@@ -6,11 +6,10 @@ was expected. Arrays come back as new, read-only, C-contiguous float64.
 
 from __future__ import annotations
 
-import io
 import operator
 import reprlib
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from types import UnionType
 from typing import Any, TypeAlias, TypeVar, cast
@@ -255,18 +254,6 @@ def as_integer(value: Any, name: str, least: int) -> int:
             f"{name}: got {came(value)}, expected an integer in {least}…{LARGEST_INT}"
         )
     return number
-
-
-def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
-    """Return arrays as the content of an NPZ file.
-
-    Not compressed: forces hardly become smaller, and it takes longer than to solve for them. Made
-    in memory, since NumPy before 2.2 leaves an open archive behind, which complains on stderr,
-    where a file cannot take it all.
-    """
-    content = io.BytesIO()
-    np.savez(content, **arrays)
-    return content.getvalue()
 
 
 def hash_bytes(array: Array) -> bytes:

@@ -49,7 +49,7 @@ def scenario(
     if out is None and os.path.lexists(path):
         raise InvalidInputError(f"{path}: exists already; name it with --out to replace it")
     with progress_bar(len(chosen.times), name) as advance:
-        log = scenarios.run(chosen, progress=advance)
+        log = scenarios.run(chosen, progress=lambda tick: advance(tick + 1))
     with reporting(lambda: _report_log(log)) as tell:
         log.write_csv(path)
         tell(f"Every tick is in {path}")

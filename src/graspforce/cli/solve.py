@@ -14,13 +14,14 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from graspforce._engine import native
 from graspforce._engine.outcome import Status
 from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, status_words
+from graspforce.columns import Columns
 from graspforce.errors import InvalidInputError, error_context
-from graspforce.solution.columns import Columns
 
 if TYPE_CHECKING:
-    from graspforce.files import NamedProblem, NamedSolution
+    from graspforce.files import NamedProblems, NamedSolutions
     from graspforce.solution import Solution
 
 
@@ -71,7 +72,6 @@ def solve(
     from graspforce import files
     from graspforce._engine.settings import Settings
     from graspforce._util.arrays import as_positive
-    from graspforce.batch import iterate_many
 
     given = {"alpha": alpha, "c_max": c_max}
     changes = {
@@ -86,12 +86,9 @@ def solve(
             raise InvalidInputError(f"--out: got {out}, the file of grasps itself")
     content = files.load(file)
     grasps = _changed(content.grasps, changes, file)
-    results: list[NamedSolution] = []
     with progress_bar(len(grasps), "solving") as advance:
-        solutions = iterate_many((problem for _, problem in grasps), settings)
-        for index, ((name, _), solution) in enumerate(zip(grasps, solutions, strict=True)):
-            results.append(files.NamedSolution(name, solution))
-            advance(index)
+        columns = grasps.problems.solve(settings, advance)
+    results = files.NamedSolutions(grasps.names, columns)
 
     def report() -> None:
         _report(results, rows or len(results) <= SCREENFUL)
@@ -104,33 +101,31 @@ def solve(
             tell(f"Everything about them is in {out}")
 
 
-def _changed(grasps: list[NamedProblem], changes: dict[str, Any], file: Path) -> list[NamedProblem]:
+def _changed(grasps: NamedProblems, changes: dict[str, Any], file: Path) -> NamedProblems:
     """Return the grasps with the options of the command line in place of the file's."""
-    from graspforce.files import NamedProblem
+    from graspforce.files import NamedProblems
 
     if not changes:
         return grasps
-    changed: list[NamedProblem] = []
-    for index, (name, problem) in enumerate(grasps):
-        with error_context(f"{file}: grasp {index} {name!r}"):
-            changed.append(NamedProblem(name, problem.replace(**changes)))
+    changed = NamedProblems(grasps.names, grasps.problems.replace(**changes))
+    found = changed.problems.first_flaw()
+    if found is not None:
+        index, flaw = found
+        with error_context(f"{file}: grasp {index} {changed.names[index]!r}"):
+            native.refuse(flaw)
     return changed
 
 
-def _report(results: list[NamedSolution], rows: bool) -> None:
+def _report(results: NamedSolutions, rows: bool) -> None:
     """Print tables, the messages of grasps without an answer, and the counts."""
-    failed = [
-        (index, name, solution)
-        for index, (name, solution) in enumerate(results)
-        if solution.status is not Status.SOLVED
-    ]
+    columns = results.columns
+    failed = np.flatnonzero(~columns.solved).tolist()
     lines = [
         f"{name if rows else f'{index} {name}'}: {solution.message}{_help(solution)}"
-        for index, name, solution in failed[:MESSAGES]
+        for index, (name, solution) in ((each, results[each]) for each in failed[:MESSAGES])
     ]
     if len(failed) > MESSAGES:
         lines.append(f"… and {len(failed) - MESSAGES} more without an answer")
-    columns = Columns(solution for _, solution in results)
     numbers = _numbers(columns)
     if rows:
         tables = [_table(results, range(len(results)), columns, numbers)]
@@ -140,7 +135,7 @@ def _report(results: list[NamedSolution], rows: bool) -> None:
         tightest = tightest[columns.solved[tightest]].tolist()
         tables = [_quantiles(numbers), f"The {len(tightest)} that are nearest to slipping:",
                   _table(results, tightest, columns, numbers)] if tightest else []  # fmt: skip
-    show(*tables, *lines, counts("grasp", (solution.status for _, solution in results)))
+    show(*tables, *lines, counts("grasp", map(Status, columns.status.tolist())))
 
 
 def _numbers(columns: Columns) -> NDArray[np.float64]:
@@ -180,7 +175,7 @@ def _written(number: float) -> str:
 
 
 def _table(
-    results: list[NamedSolution],
+    results: NamedSolutions,
     indices: Iterable[int],
     columns: Columns,
     numbers: NDArray[np.float64],
@@ -196,7 +191,7 @@ def _table(
         *shown, steps = numbers[index].tolist()
         table.add_row(
             str(index),
-            Text(printable(results[index].name)),
+            Text(printable(results.names[index])),
             Text(status_words(status), style="green" if status == Status.SOLVED else "red"),
             *map(_written, shown),
             str(int(steps)),

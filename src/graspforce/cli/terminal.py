@@ -165,13 +165,13 @@ def _stderr_console() -> Console:
 
 @contextmanager
 def progress_bar(total: int, what: str) -> Generator[Callable[[int], None]]:
-    """Show a progress bar on stderr, if that is a terminal; call what it gives after each item."""
+    """Show a progress bar on stderr, if that is a terminal; tell it the number that is done."""
     from rich.progress import Progress
 
     console = _stderr_console()
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(what, total=total)
-        yield lambda index: progress.update(task, completed=index + 1)
+        yield lambda done: progress.update(task, completed=done)
 
 
 @contextmanager
@@ -243,9 +243,9 @@ def status_line(what: str) -> Generator[Callable[[str], None]]:
 
 def counts(what: str, statuses: Iterable[Status]) -> str:
     """Return how many there are and how many of each status, as in ``3 grasps: 3 solved``."""
-    counts = Counter(status_words(status) for status in statuses)
+    counts = Counter(statuses)
     total = counts.total()
-    each = ", ".join(f"{count} {words}" for words, count in counts.most_common())
+    each = ", ".join(f"{count} {status_words(status)}" for status, count in counts.most_common())
     return f"{total} {what}{'' if total == 1 else 's'}: {each}"
 
 

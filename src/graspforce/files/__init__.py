@@ -20,7 +20,13 @@ from typing import Any
 
 from graspforce._util.atomic import atomic_write, check_output
 from graspforce.files.json_grasps import schema
-from graspforce.files.named import GraspFile, NamedProblem, NamedSolution
+from graspforce.files.named import (
+    GraspFile,
+    NamedProblem,
+    NamedProblems,
+    NamedSolution,
+    NamedSolutions,
+)
 from graspforce.files.npz_grasps import unused_keys
 from graspforce.files.reading import load, read
 from graspforce.files.writing import write
@@ -28,7 +34,9 @@ from graspforce.files.writing import write
 __all__ = [
     "GraspFile",
     "NamedProblem",
+    "NamedProblems",
     "NamedSolution",
+    "NamedSolutions",
     "atomic_write",
     "check_output",
     "load",

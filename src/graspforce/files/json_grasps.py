@@ -7,18 +7,22 @@ make a :class:`ForceProblem`.
 
 from __future__ import annotations
 
+import gc
 import json
 import math
 from collections import Counter
-from functools import cache
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from functools import cache, lru_cache
 from importlib import resources
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
-from jsonschema import Draft202012Validator, ValidationError
+from jsonschema_rs import Draft202012Validator, ValidationError
 
+from graspforce.columns import ProblemColumns
 from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
 from graspforce.errors import InvalidInputError, error_context
-from graspforce.files.named import GraspFile, NamedProblem, default_name
+from graspforce.files.named import GraspFile, NamedProblems, default_name
 from graspforce.grasp import Grasp
 from graspforce.problem import ForceProblem, ProblemOptions
 
@@ -38,15 +42,33 @@ def read_json(file: BinaryIO, stem: str) -> GraspFile:
         InvalidInputError: no JSON, not of the schema, or a problem that is refused; the text
             names the place.
     """
-    document = _parse(file.read())
+    with _uncollected():
+        return _read(file.read(), stem)
+
+
+@contextmanager
+def _uncollected() -> Generator[None]:
+    """Let no garbage be looked for: a large document is millions of lists, none of it garbage."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+def _read(data: bytes, stem: str) -> GraspFile:
+    document = _parse(data)
     _check_shape(document)
     grasps: list[dict[str, Any]] = document.get("grasps", [document])
-    problems: list[NamedProblem] = []
+    names: list[str] = []
+    problems: list[ForceProblem] = []
     for index, grasp in enumerate(grasps):
-        name = grasp.get("name", default_name(stem, index, len(grasps)))
-        with error_context(f"grasp {index} {name!r}"):
-            problems.append(NamedProblem(name, _problem(grasp)))
-    return GraspFile(problems, [])
+        names.append(grasp.get("name", default_name(stem, index, len(grasps))))
+        with error_context(f"grasp {index} {names[-1]!r}"):
+            problems.append(_problem(grasp))
+    return GraspFile(NamedProblems(names, ProblemColumns.of(problems)), [])
 
 
 @cache
@@ -63,18 +85,8 @@ def schema() -> dict[str, Any]:
 # ---- the text ---------------------------------------------------------------------------------
 
 
-class _Object(dict[str, Any]):
-    """A JSON object that remembers a key given twice, where a dict keeps the last value."""
-
-    def __init__(self, pairs: list[tuple[str, Any]]) -> None:
-        super().__init__(pairs)
-        self.repeated: str | None = None
-        if len(self) < len(pairs):
-            counts = Counter(key for key, _ in pairs)
-            self.repeated = next(key for key, count in counts.items() if count > 1)
-
-
 def _parse(data: bytes) -> Any:
+    """Return a document of which every number is finite, and every key of an object given once."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -83,10 +95,20 @@ def _parse(data: bytes) -> Any:
         ) from None
     if not text.strip():
         raise InvalidInputError("the file is empty, expected a JSON object")
+    repeated: list[tuple[dict[str, Any], str]] = []
+
+    def read_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        entries = dict(pairs)
+        if len(entries) < len(pairs):
+            counts = Counter(key for key, _ in pairs)
+            repeated.append((entries, next(key for key, count in counts.items() if count > 1)))
+        return entries
+
     try:
         # All numbers become floats: every one is a quantity, and float() has no size limit.
-        document = json.loads(text, object_pairs_hook=_Object, parse_int=float)
-        _check_values(document, "$")
+        document = json.loads(text, object_pairs_hook=read_object, parse_int=float)
+        if repeated or not _all_finite(document):
+            _refuse_values(document, "$", repeated)
     except json.JSONDecodeError as error:
         raise InvalidInputError(
             f"line {error.lineno}, column {error.colno}: not JSON: {error.msg}"
@@ -96,44 +118,68 @@ def _parse(data: bytes) -> Any:
     return document
 
 
-def _check_values(value: Any, path: str) -> None:
-    """Refuse what json.loads lets pass: NaN, infinite and overflowing numbers, repeated keys."""
+def _all_finite(value: Any) -> bool:
+    """Whether there are no NaN, infinite and overflowing numbers, which json.loads lets pass."""
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, list):
+        entries = cast("list[Any]", value)
+        try:
+            return math.isfinite(math.fsum(entries))  # NaN and infinity stay what they are
+        except (TypeError, OverflowError, ValueError):
+            return all(map(_all_finite, entries))
+    if isinstance(value, dict):
+        return all(map(_all_finite, cast("dict[str, Any]", value).values()))
+    return True
+
+
+def _refuse_values(value: Any, path: str, repeated: Sequence[tuple[dict[str, Any], str]]) -> None:
+    """Say where the first number that is not finite, or key that is given twice, stands."""
     if isinstance(value, float) and not math.isfinite(value):
         raise InvalidInputError(f"{path}: got {value}, expected a finite number")
-    if isinstance(value, _Object):
-        if value.repeated is not None:
-            raise InvalidInputError(f"{path}: the key {_show(value.repeated)} is given twice")
-        for key, item in value.items():
-            _check_values(item, f"{path}.{key}")
+    if isinstance(value, dict):
+        entries = cast("dict[str, Any]", value)
+        for owner, key in repeated:
+            if owner is entries:
+                raise InvalidInputError(f"{path}: the key {_show(key)} is given twice")
+        for key, item in entries.items():
+            _refuse_values(item, f"{path}.{key}", repeated)
     elif isinstance(value, list):
-        for index, item in enumerate(value):  # pyright: ignore[reportUnknownArgumentType, reportUnknownVariableType]
-            _check_values(item, f"{path}[{index}]")
+        for index, item in enumerate(cast("list[Any]", value)):
+            _refuse_values(item, f"{path}[{index}]", repeated)
 
 
 # ---- the document -----------------------------------------------------------------------------
 
 
 def _check_shape(document: Any) -> None:
-    validator: Any = Draft202012Validator(schema())
-    errors: list[ValidationError] = list(validator.iter_errors(document))
-    if errors:
-        # A mistyped key also leaves the intended key missing: report the mistyped one.
-        unknown = (error for error in errors if error.validator == "additionalProperties")
-        error = next(unknown, errors[0])
-        raise InvalidInputError(f"{error.json_path}: {_explain(error)}")
+    validator = Draft202012Validator(schema())
+    if validator.is_valid(document):
+        return
+    errors = list(validator.iter_errors(document))
+    # A mistyped key also leaves the intended key missing: report the mistyped one.
+    unknown = (error for error in errors if error.schema_path[-1] == "additionalProperties")
+    error = next(unknown, errors[0])
+    place = "".join(
+        f"[{each}]" if isinstance(each, int) else f".{each}" for each in error.instance_path
+    )
+    raise InvalidInputError(f"${place}: {_explain(error)}")
 
 
 def _explain(error: ValidationError) -> str:
     """Say what came and what was expected, for each keyword that the schema uses."""
     value: Any = error.instance
-    rule: Any = error.validator_value
-    here: dict[str, Any] = error.schema  # pyright: ignore[reportAssignmentType]
+    keyword = error.schema_path[-1]
+    here: Any = schema()
+    for each in error.schema_path[:-1]:
+        here = here[each]
+    rule = here[keyword]
     got = f"got {_show(value)}, expected"
-    match error.validator:
+    match keyword:
         case "additionalProperties":
             valid = list(here["properties"])
             unknown = next(key for key in value if key not in valid)
-            several = [] if error.absolute_path or "grasps" in valid else ["grasps"]
+            several = [] if error.instance_path or "grasps" in valid else ["grasps"]
             return f"unknown key {_show(unknown)}; expected one of {', '.join(valid + several)}"
         case "required":
             return f"missing key {_show(next(key for key in rule if key not in value))}"
@@ -189,11 +235,16 @@ def _problem(grasp: dict[str, Any]) -> ForceProblem:
 
 
 def _model(entry: dict[str, Any]) -> ContactModel:
-    pull = entry.get("pull", 0.0)
-    match entry["model"]:
+    return _make_model(entry["model"], entry.get("mu"), entry.get("gamma"), entry.get("pull", 0.0))
+
+
+@lru_cache(maxsize=1024)
+def _make_model(kind: str, mu: Any, gamma: Any, pull: float) -> ContactModel:
+    """Return a model; most contacts of a file have the same few."""
+    match kind:
         case "PCWF":
-            return PCWF(entry["mu"], pull)
+            return PCWF(mu, pull)
         case "SFC":
-            return SFC(entry["mu"], entry["gamma"], pull)
+            return SFC(mu, gamma, pull)
         case _:
             return FPC(pull)

@@ -13,10 +13,12 @@ from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
+from numpy.typing import NDArray
 
-from graspforce._engine import native
 from graspforce._engine.layout import FIELDS
 from graspforce._util.arrays import Array, as_array, require
+from graspforce.batch import BatchProblems
+from graspforce.columns import ProblemColumns
 from graspforce.contact import (
     LEAST_ACROSS,
     PCWF,
@@ -26,7 +28,7 @@ from graspforce.contact import (
     warn_of_slips,
 )
 from graspforce.errors import InvalidInputError, error_context
-from graspforce.files.named import GraspFile, NamedProblem, default_name
+from graspforce.files.named import GraspFile, NamedProblems, default_name
 from graspforce.grasp_map import stacked_maps
 from graspforce.problem import ForceProblem
 
@@ -81,7 +83,7 @@ def read_npz(file: BinaryIO, stem: str) -> GraspFile:
     if "W" not in arrays:
         arrays["W"] = _grasp_maps({"origin": np.broadcast_to(origin, (count, 3))} | geometry, names)
     problems = _problems({key: arrays[key] for key in arrays if key not in _NAMES}, names)
-    return GraspFile(list(map(NamedProblem, names, problems)), unused)
+    return GraspFile(NamedProblems(names, problems), unused)
 
 
 def unused_keys(path: str | Path) -> list[str]:
@@ -189,8 +191,8 @@ def _grasp_maps(geometry: dict[str, np.ndarray[Any, Any]], names: list[str]) -> 
     return stacked_maps(origin[:, None], points, normals, tangents)
 
 
-def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> list[ForceProblem]:
-    """Return the problems of all grasps, whose numbers are the rows of one array."""
+def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> ProblemColumns:
+    """Return the problems of all grasps, whose numbers are those arrays."""
 
     def make(index: int) -> ForceProblem:
         own = {key: each if each.ndim == 0 else each[index] for key, each in arrays.items()}
@@ -200,18 +202,21 @@ def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> list
     # Types, shapes and what came without what are those of all grasps.
     first = make(_first_that_pulls(arrays))
     layout = first.layout
-    packed = np.tile(first.packed, (len(names), 1))
-    fields = layout.views(packed)
-    if "tau_limit" in arrays:
-        _fill(fields["tau_hi"], arrays["tau_limit"])
-        np.negative(fields["tau_hi"], out=fields["tau_lo"])
-    for key, array in arrays.items():
-        if key != "tau_limit" and (key != "pull" or layout.pulls):
-            _fill(fields[key], array)
-    for index, row in enumerate(packed):
-        if native.module.find_flaw(layout, row) is not None:
-            make(index)  # which raises, and says it of the array that the file has
-    return [ForceProblem.from_packed(layout, row) for row in packed]
+    given = dict(arrays)
+    if "tau_limit" in given:
+        limit = given.pop("tau_limit").astype(np.float64)
+        given |= {"tau_lo": -limit, "tau_hi": limit}
+    fields: dict[str, NDArray[Any]] = layout.views(first.packed)
+    fields |= {
+        name: _field(array, layout.slots[name].shape)
+        for name, array in given.items()
+        if name != "pull" or layout.pulls
+    }
+    rows = BatchProblems(layout, fields, len(names))
+    flaw = rows.first_flaw()
+    if flaw is not None:
+        make(flaw[0])  # which raises, and says it of the array that the file has
+    return ProblemColumns([(np.arange(len(names)), rows)])
 
 
 def _first_that_pulls(arrays: dict[str, np.ndarray[Any, Any]]) -> int:
@@ -220,10 +225,13 @@ def _first_that_pulls(arrays: dict[str, np.ndarray[Any, Any]]) -> int:
     return int((pull > 0).reshape(len(pull), -1).any(axis=1).argmax()) if pull.ndim else 0
 
 
-def _fill(field: Array, array: np.ndarray[Any, Any]) -> None:
-    """Write a number for all, a number a grasp, or a stack into a field of all grasps."""
-    missing = field.ndim - array.ndim if array.ndim else 0
-    field[...] = array.reshape(array.shape + (1,) * missing)
+def _field(array: np.ndarray[Any, Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return a number for all, a number a grasp, or a stack with all entries that a field has."""
+    if array.ndim == 0:
+        return np.full(shape, array, dtype=np.float64)
+    missing = 1 + len(shape) - array.ndim
+    whole = np.broadcast_to(array.reshape(array.shape + (1,) * missing), (len(array), *shape))
+    return np.ascontiguousarray(whole, dtype=np.float64)
 
 
 def _problem(own: dict[str, np.ndarray[Any, Any]]) -> ForceProblem:

@@ -27,7 +27,7 @@ def read(path: str | Path) -> list[NamedProblem]:
         InvalidInputError: the file cannot be read, or something in it is wrong; the text names
             the file, the place, what came and what was expected.
     """
-    return load(path).grasps
+    return list(load(path).grasps)
 
 
 def load(path: str | Path) -> GraspFile:

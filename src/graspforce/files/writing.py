@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspforce._util.arrays import Array, npz_bytes
+from graspforce._engine.outcome import Status
+from graspforce._util.arrays import Array
 from graspforce._util.atomic import atomic_write, check_output
+from graspforce._util.npz import write_npz
+from graspforce.files.named import NamedSolutions
 from graspforce.solution import Solution
-from graspforce.solution.columns import Columns, stacked
 
 _NUMBERS = (
     "alpha", "newton_steps", "phi", "suboptimality", "violation", "friction_residual",
@@ -28,7 +30,6 @@ _NUMBERS = (
 )  # fmt: skip
 _VECTORS = (
     "c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu", "missing",
-    "certificate_y", "certificate_z",
 )  # fmt: skip
 
 
@@ -44,7 +45,7 @@ def write(path: str | Path, results: Sequence[tuple[str, Solution]]) -> None:
         OSError: the file cannot be written; what it held before is still there.
     """
     check_output(path)
-    table = _Table(results)
+    table = _Table(NamedSolutions.of(results))
     with atomic_write(path) as temporary:
         _WRITERS[Path(path).suffix.lower()](temporary, table)
 
@@ -52,27 +53,39 @@ def write(path: str | Path, results: Sequence[tuple[str, Solution]]) -> None:
 class _Table:
     """What is written of B results: texts, numbers and vectors by name, B entries each."""
 
-    def __init__(self, results: Sequence[tuple[str, Solution]]) -> None:
-        columns = Columns(solution for _, solution in results)
-        proofs = columns.rows("certificate")
+    def __init__(self, results: NamedSolutions) -> None:
+        self.columns = columns = results.columns
         self.size = len(columns)
+        words = [status.name for status in Status]
         self.texts: dict[str, list[str]] = {
-            "name": [name for name, _ in results],
-            "status": [status.name for status in columns.rows("status")],
-            "message": columns.rows("message"),
+            "name": results.names,
+            "status": [words[status] for status in columns.status.tolist()],
+            "message": columns.messages(),
         }
         self.numbers: dict[str, NDArray[Any]] = {
             name: columns.field(name) if name == "alpha" else getattr(columns, name)
             for name in _NUMBERS
         }
         self.numbers["nearest"] = self.numbers["nearest"].astype(np.int64)
-        self.vectors: dict[str, list[Array]] = {
-            name: columns.rows(name) for name in _VECTORS if not name.startswith("certificate")
+
+    def vectors(self) -> dict[str, list[Array]]:
+        """Return the vectors of every result, each of its own length."""
+        vectors = {name: self.columns.rows(name) for name in _VECTORS}
+        y, z = self.columns.certificates()
+        return vectors | {"certificate_y": y, "certificate_z": z}
+
+    def stacks(self) -> dict[str, tuple[Array, NDArray[np.int64]]]:
+        """Return the vectors as stacks, in which short ones end in NaN, and their lengths."""
+        columns = self.columns
+        stacks: dict[str, tuple[Array, NDArray[np.int64]]] = {
+            name: (getattr(columns, name), columns.lengths(name))
+            if self.size
+            else (np.empty((0, 0)), np.empty(0, dtype=np.int64))
+            for name in _VECTORS
         }
-        for part in "yz":
-            self.vectors[f"certificate_{part}"] = [
-                np.empty(0) if proof is None else getattr(proof, part) for proof in proofs
-            ]
+        for part, rows in zip("yz", columns.certificates(), strict=True):
+            stacks[f"certificate_{part}"] = filled_up(rows)
+        return stacks
 
     def plain_numbers(self) -> dict[str, list[float | int | None]]:
         """Return the numbers as JSON and CSV hold them: None for infinities and NaN."""
@@ -82,6 +95,15 @@ class _Table:
         }
 
 
+def filled_up(rows: Sequence[Array]) -> tuple[Array, NDArray[np.int64]]:
+    """Return vectors of any lengths as one array, where short ones end in NaN, and the lengths."""
+    lengths = np.array([len(row) for row in rows], dtype=np.int64)
+    stack = np.full((len(rows), lengths.max(initial=0)), np.nan)
+    for index in np.flatnonzero(lengths).tolist():
+        stack[index, : lengths[index]] = rows[index]
+    return stack, lengths
+
+
 def _finite(number: float) -> float | int | None:
     """Return the number, or None for infinities and NaN, which JSON cannot hold."""
     return number if math.isfinite(number) else None
@@ -89,12 +111,12 @@ def _finite(number: float) -> float | int | None:
 
 def _write_json(path: Path, table: _Table) -> None:
     lines: list[str] = []  # one result a line: small, and easy to compare and to search
-    numbers = table.plain_numbers()
+    numbers, columns = table.plain_numbers(), table.vectors()
     for index in range(table.size):
         document: dict[str, Any] = {name: texts[index] for name, texts in table.texts.items()}
         document |= {name: values[index] for name, values in numbers.items()}
         vectors = {
-            name: [_finite(x) for x in rows[index].tolist()] for name, rows in table.vectors.items()
+            name: [_finite(x) for x in rows[index].tolist()] for name, rows in columns.items()
         }
         y, z = vectors.pop("certificate_y"), vectors.pop("certificate_z")
         document |= vectors
@@ -106,7 +128,7 @@ def _write_json(path: Path, table: _Table) -> None:
 
 def _write_csv(path: Path, table: _Table) -> None:
     columns: dict[str, Sequence[Any]] = {**table.texts, **table.plain_numbers()}
-    for name, rows in table.vectors.items():
+    for name, rows in table.vectors().items():
         whole = [[_finite(x) for x in row.tolist()] for row in rows]
         for index in range(max(map(len, whole), default=0)):
             columns[f"{name}_{index}"] = [row[index] if index < len(row) else "" for row in whole]
@@ -121,11 +143,9 @@ def _write_npz(path: Path, table: _Table) -> None:
         name: np.array(texts, dtype=np.str_) for name, texts in table.texts.items()
     }
     arrays |= table.numbers
-    for name, rows in table.vectors.items():
-        lengths = np.array([len(row) for row in rows], dtype=np.int64)
-        stack = stacked(rows) if rows else np.empty((0, 0))
+    for name, (stack, lengths) in table.stacks().items():
         arrays |= {name: stack, f"{name}_length": lengths}
-    path.write_bytes(npz_bytes(arrays))
+    write_npz(path, arrays)
 
 
 _WRITERS: dict[str, Callable[[Path, _Table], None]] = {

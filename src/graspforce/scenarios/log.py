@@ -15,12 +15,12 @@ from graspforce._engine.outcome import Status
 from graspforce._engine.settings import Settings
 from graspforce._util.arrays import Array, came, require_instance
 from graspforce._util.atomic import atomic_write
+from graspforce.columns import Columns
 from graspforce.contact import ContactModel
 from graspforce.errors import InvalidInputError
 from graspforce.scenarios.scenario import Scenario
 from graspforce.servo import Servo
 from graspforce.solution import Solution
-from graspforce.solution.columns import Columns
 
 
 @dataclass(frozen=True, slots=True, eq=False)

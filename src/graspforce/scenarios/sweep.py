@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspforce._engine.settings import Settings
 from graspforce._util.arrays import Array, as_array, require, require_instance
+from graspforce.columns import Columns
 from graspforce.scenarios.paper import static
 from graspforce.scenarios.scenario import Scenario
-from graspforce.solution.columns import Columns
 from graspforce.solve import solve
 
 

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._engine.outcome import Status
-from graspforce._util.arrays import Array, npz_bytes
+from graspforce._util.arrays import Array
 from graspforce._util.atomic import atomic_write, check_output
+from graspforce._util.npz import write_npz
 from graspforce.errors import InvalidInputError, MissingExtraError
 
 SUFFIXES = (".npz", ".parquet", ".csv")
@@ -184,7 +185,7 @@ class Log:
             if suffix == ".npz":
                 arrays = {name: getattr(self, name) for name in (*_PER_TICK, "tau_max")}
                 texts: dict[str, Any] = {"ending": self.ending.name, "message": self.message}
-                temporary.write_bytes(npz_bytes(arrays | texts))
+                write_npz(temporary, arrays | texts)
             elif suffix == ".parquet":
                 arrow, parquet = _pyarrow()
                 about = {"ending": self.ending.name, "message": self.message}

@@ -9,6 +9,7 @@ import numpy as np
 
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
+from graspforce.columns import Columns
 from graspforce.sim.controller import Command, Controller, rotation_vector
 from graspforce.sim.hand_loop import HandCommand, HandLoop, Seen
 from graspforce.sim.log import Ending, Log
@@ -16,7 +17,6 @@ from graspforce.sim.mujoco_import import mj, silenced_warnings
 from graspforce.sim.trial import Trial
 from graspforce.sim.world import Physics, Pose, Touch, World
 from graspforce.solution import Solution
-from graspforce.solution.columns import Columns
 
 # Beyond this distance from its target, or angle, the object counts as dropped.
 DROPPED_DISTANCE = 0.05  # [m]

@@ -47,6 +47,17 @@ class NotConvergedError(SolveError):
     """The solver stopped before it could certify an answer."""
 
 
+def solved_in_words(steps: int, suboptimality: float, undetermined: int, m: int) -> str:
+    """Return what SOLVED means for one problem, with m components of force."""
+    told = f"solved in {steps} Newton steps; Phi is within {suboptimality:.1e} of its minimum"
+    if not undetermined:
+        return told
+    return (
+        f"{told}; {undetermined} of {m} force components are as asked: neither W c = f nor "
+        "the torques determine them"
+    )
+
+
 class Solution(native.SolutionBase):
     """The contact forces of one solve or one tick, with their verdict.
 
@@ -148,7 +159,7 @@ class Solution(native.SolutionBase):
         """
         inner = self.problem.restricted()
         unit = min(1.0, inner.alpha, *inner.cone_weight.tolist())
-        return unit * equations.suboptimality(self._outcome.decrement)
+        return unit * float(equations.suboptimality(self._outcome.decrement))
 
     @property
     def violation(self) -> float:
@@ -172,9 +183,9 @@ class Solution(native.SolutionBase):
         """The verdict in words."""
         match self.status:
             case Status.SOLVED:
-                return (
-                    f"solved in {self.newton_steps} Newton steps; "
-                    f"Phi is within {self.suboptimality:.1e} of its minimum{self._as_asked()}"
+                problem = self.problem
+                return solved_in_words(
+                    self.newton_steps, self.suboptimality, problem.undetermined, problem.m
                 )
             case Status.INFEASIBLE:
                 return (
@@ -203,15 +214,6 @@ class Solution(native.SolutionBase):
                 return "rounding stopped the progress before a verdict could be certified"
             case Status.INVALID_NUMBERS:
                 return "the problem's numbers overflow in double precision; rescale them"
-
-    def _as_asked(self) -> str:
-        count = self.problem.undetermined
-        if not count:
-            return ""
-        return (
-            f"; {count} of {self.problem.m} force components are as asked: neither W c = f nor "
-            "the torques determine them"
-        )
 
     def raise_if_failed(self) -> None:
         """Raise unless SOLVED.

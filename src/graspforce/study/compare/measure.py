@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce._util.clock import hot, no_op
+from graspforce.columns import Columns
 from graspforce.errors import MissingExtraError
 from graspforce.problem import ForceProblem
 from graspforce.solution import Solution
-from graspforce.solution.columns import Columns
 from graspforce.study.compare import flops
 from graspforce.study.compare.methods import Method
 from graspforce.study.compare.tasks import Task
@@ -124,9 +124,11 @@ def measure(method: Method, task: Task, whole: bool) -> Measured:
     warm_us = warm = None
     if method.warm is not None and task.t is not None:
         warm_us, warm = _timed(method.warm, problems, warm_up=fast)
-    ends: list[Status] = cold.rows("status")
+    ends = [Status(each) for each in cold.status]
     if warm is not None:
-        ends = [max(pair, key=_severity) for pair in zip(ends, warm.rows("status"), strict=True)]
+        ends = [
+            max(pair, key=_severity) for pair in zip(ends, map(Status, warm.status), strict=True)
+        ]
     columns = cold if warm is None else warm
     solved = columns.solved
     forces = _normal_forces(columns)

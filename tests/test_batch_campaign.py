@@ -1,0 +1,31 @@
+"""The campaign of batches in short: every layout, every verdict, bits, memory."""
+
+import subprocess
+import sys
+
+import batch_campaign
+
+import graspforce as gf
+
+
+def test_rows_of_every_layout_are_what_solve_says_whatever_the_threads_and_the_order():
+    tally = batch_campaign.Tally()
+    for number in range(len(batch_campaign.KINDS)):
+        tally.add(number, 400, gf.Settings())
+    assert tally.rows == 400 * len(batch_campaign.KINDS)
+    assert {"SOLVED", "INFEASIBLE", "WRENCH_UNREACHABLE", "UNBOUNDED", "INVALID_NUMBERS"} <= set(
+        tally.statuses
+    )
+    assert tally.other_status == tally.other_bits == 0
+    assert tally.largest <= 1e-9
+
+
+def test_chunks_of_a_stream_are_solved_in_bounded_memory():
+    program = [sys.executable, batch_campaign.__file__, "--memory", "--streamed"]
+    peaks = [
+        float(subprocess.run([*program, str(rows)], stdout=subprocess.PIPE, check=True, text=True)
+              .stdout.split()[0])
+        for rows in (100_000, 500_000)
+    ]  # fmt: skip
+    assert max(peaks) < 500  # MB
+    assert peaks[1] - peaks[0] < 30
