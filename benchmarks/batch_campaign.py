@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from memory import peak_memory
 from rich.table import Table
 from saving import show, writable
 
@@ -158,8 +158,7 @@ def memory(count: int) -> None:
     start, solved = time.perf_counter(), 0
     for given in many_chunks(count):
         solved += int(gf.solve_batch(**given).solved.sum())
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-    print(peak, time.perf_counter() - start, solved)
+    print(peak_memory(), time.perf_counter() - start, solved)
 
 
 STOPPED = """

@@ -13,7 +13,6 @@ import argparse
 import filecmp
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -28,6 +27,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from batch import rows
+from memory import peak_memory
 from rich.table import Table
 from saving import show, writable
 
@@ -77,12 +77,6 @@ def run(source: Path, target: Path, **options: Any) -> dict[str, float]:
     command = [sys.executable, __file__, "--run", given]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout.splitlines()[-1])
-
-
-def peak_memory() -> float:
-    """Return the most memory that this process has had [MB]; rusage counts its parent's, too."""
-    status = Path("/proc/self/status").read_text(encoding="utf-8")
-    return int(re.search(r"VmHWM:\s*(\d+)", status)[1]) / 1024
 
 
 def run_here(source: str, target: str, options: dict[str, Any]) -> None:
