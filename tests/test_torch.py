@@ -121,11 +121,13 @@ def test_what_has_no_derivatives_is_refused_by_name(tensors, name, model, furthe
 
 
 def test_contacts_that_pull_have_gradients():
-    problem = grasps(1, seed=4)[0].replace(models=gf.PCWF(0.5, 1.0), alpha=5.0)
+    problem = grasps(1, seed=4)[0].replace(
+        models=gf.PCWF(0.5, 1.0), tau_lo=-0.5, tau_hi=0.5, alpha=5.0
+    )
     f = torch.tensor(problem.f, requires_grad=True)
     found = gt.solve(
-        torch.tensor(problem.W), f, problem.models, J=problem.J, tau_lo=problem.tau_lo,
-        tau_hi=problem.tau_hi,
+        torch.tensor(problem.W), f, problem.models, J=np.array(problem.J), tau_lo=-0.5,
+        tau_hi=0.5,
     )  # fmt: skip
     found.c.sum().backward()
     expected = gf.sensitivity(gf.solve(problem)).vjp(c=np.ones(problem.m))["f"]
