@@ -144,7 +144,7 @@ def table(tally: Tally) -> Table:
     return shown
 
 
-def many_chunks(count: int, size: int = 50_000) -> Iterator[dict[str, Any]]:
+def many_chunks(count: int, size: int = 20_000) -> Iterator[dict[str, Any]]:
     """Yield arguments for so many rows of the first layout, each chunk of them with new loads."""
     given = chunk(0, size)
     rng = np.random.default_rng(1)

@@ -111,7 +111,6 @@ def test_bad_arguments_are_named(tensors):
 @pytest.mark.parametrize(
     ("name", "model", "further"),
     [
-        ("models", gf.PCWF(0.5, 1.0), {}),
         ("internal", MODEL, {"internal": np.ones((1, 12))}),
     ],
 )
@@ -119,3 +118,17 @@ def test_what_has_no_derivatives_is_refused_by_name(tensors, name, model, furthe
     given = {key: value.detach() for key, value in tensors.items() if key != "mu"}
     with pytest.raises(gf.InvalidInputError, match=f"^{name}: got .*no derivatives"):
         gt.solve(**given, models=model, tau_lo=-0.5, tau_hi=0.5, **further)
+
+
+def test_contacts_that_pull_have_gradients():
+    problem = grasps(1, seed=4)[0].replace(
+        models=gf.PCWF(0.5, 1.0), tau_lo=-0.5, tau_hi=0.5, alpha=5.0
+    )
+    f = torch.tensor(problem.f, requires_grad=True)
+    found = gt.solve(
+        torch.tensor(problem.W), f, problem.models, J=np.array(problem.J), tau_lo=-0.5,
+        tau_hi=0.5,
+    )  # fmt: skip
+    found.c.sum().backward()
+    expected = gf.sensitivity(gf.solve(problem)).vjp(c=np.ones(problem.m))["f"]
+    np.testing.assert_allclose(f.grad.numpy(), expected, rtol=1e-6, atol=1e-9)
