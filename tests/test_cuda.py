@@ -5,6 +5,8 @@ The front ends on a CUDA device are in ``test_device_tensors.py``.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from grasps import SIZES
@@ -78,7 +80,7 @@ def test_gradients_are_those_of_sensitivity(batch):
         solution = gf.solve(problems[row], gf.Settings(tol=1e-18))
         expected = gf.sensitivity(solution).vjp(c=v[row], tau=w[row], wrt=tuple(arrays))
         dense, expected["J"] = expected["J"], np.zeros((starts[-1], q))
-        for i, (start, end) in enumerate(zip(starts, starts[1:], strict=False)):
+        for i, (start, end) in enumerate(pairwise(starts)):
             expected["J"][start:end] = dense[start:end, q * i : q * (i + 1)]
         for name, wanted in expected.items():
             size = max(1e-3, np.abs(wanted).max())

@@ -16,7 +16,7 @@ import graspforce as gf
 from graspforce.contact import contact_starts
 
 pytest.importorskip("warp")
-import warp as wp  # noqa: E402
+import warp as wp
 
 pytestmark = pytest.mark.filterwarnings("ignore:f. on Warp's CPU device")
 EXACT = gf.Settings(tol=1e-18, max_steps=50)
@@ -50,8 +50,10 @@ def batch(request):
     arrays["J"] = J
     for name in ("tau_lo", "tau_hi", "tau_bias"):
         if name in arrays:
-            spare = np.full((60, len(order)), {"tau_lo": -0.3, "tau_hi": 0.2, "tau_bias": 0.01}[name])
-            spare[:, list(order[:arrays[name].shape[1]])] = arrays[name]
+            spare = np.full(
+                (60, len(order)), {"tau_lo": -0.3, "tau_hi": 0.2, "tau_bias": 0.01}[name]
+            )
+            spare[:, list(order[: arrays[name].shape[1]])] = arrays[name]
             arrays[name] = spare
     return arrays, models
 
@@ -225,14 +227,18 @@ def test_a_row_with_a_nan_between_the_blocks_of_J_is_not_solved(front, batch):
         ({"W": np.zeros((3, 12)), "f": np.zeros(3)}, r"W: got shape .*graspforce.solve"),
     ],
 )  # fmt: skip
-def test_what_the_kernels_do_not_take_is_refused_with_the_reason(front, batch, changes, text, capfd):
+def test_what_the_kernels_do_not_take_is_refused_with_the_reason(
+    front, batch, changes, text, capfd
+):
     arrays, models = random_batch(np.random.default_rng(2), ("PCWF",) * 4, 2)
     J = np.zeros((12, 12))
     for i in range(4):
         J[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = arrays["J"][0, 3 * i : 3 * i + 3]
     with pytest.raises(Exception, match=text) as caught:
         front.numpy(front.solve(given(front, arrays | {"J": J} | changes), models).c)
-    expected = gf.InvalidInputError if isinstance(front, Torch) else front.jax.errors.JaxRuntimeError
+    expected = (
+        gf.InvalidInputError if isinstance(front, Torch) else front.jax.errors.JaxRuntimeError
+    )
     assert isinstance(caught.value, expected)
 
 

@@ -234,8 +234,8 @@ class Hands:
         )  # fmt: skip
         wp.launch(
             want, self.count,
-            [d.xpos, d.xquat, d.qvel, names.ball, names.first_dof, self._clock, self._load, self._axis,
-             d.xfrc_applied, self.f], device=self.device,
+            [d.xpos, d.xquat, d.qvel, names.ball, names.first_dof, self._clock, self._load,
+             self._axis, d.xfrc_applied, self.f], device=self.device,
         )  # fmt: skip
 
     def step(self) -> None:

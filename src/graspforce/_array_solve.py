@@ -27,9 +27,7 @@ def shapes_of(fields: Mapping[str, Any], dims: Sequence[int]) -> dict[str, tuple
     sizes = {"k": fields["W"].shape[-2], "m": fields["W"].shape[-1], "n": len(dims)}
     sizes |= {"n_joints": np.shape(fields["J"])[-1]} if "J" in fields else {}
     sizes |= {"p": np.shape(fields["A"])[-2]} if "A" in fields else {}
-    return {
-        name: tuple(sizes.get(axis, 0) for axis in FIELDS[name].shape) for name in fields
-    }
+    return {name: tuple(sizes.get(axis, 0) for axis in FIELDS[name].shape) for name in fields}
 
 
 def one_for_all(name: str) -> bool:

@@ -141,7 +141,9 @@ def _require_one_kind(fields: Mapping[str, Any]) -> None:
         for name, one in found.items():
             first, expected = next(iter(found.items()))
             if one != expected:
-                raise InvalidInputError(f"{name}: got {what} {one}, expected {expected} as of {first}")
+                raise InvalidInputError(
+                    f"{name}: got {what} {one}, expected {expected} as of {first}"
+                )
 
 
 def _whole(value: Any, name: str, shape: tuple[int, ...]) -> Any:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-import numpy as np
 import warp
 
 from graspforce._array_solve import axes_of
@@ -149,9 +148,7 @@ def _jax_callable(run: Callable[..., None], inputs: dict[str, Any], outputs: dic
     )
     named.__annotations__ = arguments
     named.__module__ = Fields.__module__  # whose kernels are loaded along with it
-    return wp.jax_callable(
-        named, num_outputs=len(outputs), graph_mode=wp.JaxCallableGraphMode.NONE
-    )
+    return wp.jax_callable(named, num_outputs=len(outputs), graph_mode=wp.JaxCallableGraphMode.NONE)
 
 
 with quiet():

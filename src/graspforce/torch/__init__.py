@@ -105,14 +105,14 @@ _INTEGERS = (_torch.int8, _torch.int16, _torch.int32, _torch.int64, _torch.uint8
 
 def _device_and_kind(fields: Mapping[str, Any]) -> tuple[Any, Any]:
     """Return what device the tensors are on, and the type that is computed and answered in."""
-    tensors = {
-        name: value for name, value in fields.items() if isinstance(value, _torch.Tensor)
-    }
+    tensors = {name: value for name, value in fields.items() if isinstance(value, _torch.Tensor)}
     devices = {name: value.device for name, value in tensors.items()}
     for name, device in devices.items():
         first, expected = next(iter(devices.items()))
         if device != expected:
-            raise InvalidInputError(f"{name}: got a tensor on {device}, expected {expected} as of {first}")
+            raise InvalidInputError(
+                f"{name}: got a tensor on {device}, expected {expected} as of {first}"
+            )
         if device.type not in ("cpu", "cuda"):
             raise InvalidInputError(f"{name}: got a tensor on {device}, expected the CPU or CUDA")
         value = tensors[name]

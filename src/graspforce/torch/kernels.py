@@ -1,4 +1,4 @@
-"""The operator's work on a CUDA device: its tensors as Warp arrays, on the stream that torch uses."""
+"""The operator's work on a CUDA device: tensors as Warp arrays, on the stream that torch uses."""
 
 from __future__ import annotations
 

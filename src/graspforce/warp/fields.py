@@ -7,6 +7,7 @@ joints a contact feels is looked up in the numbers of J, in one wait for the dev
 # The functions under @wp.kernel are written in Warp's language and compiled from their source.
 # pyright: basic
 # pyright: reportInvalidTypeForm=false
+# ruff: noqa: RUF046, UP018
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
@@ -149,8 +150,7 @@ class Fields:
         joints = self._joints
         if joints is None:
             for name in ("J", *OF_JOINTS):
-                if name in inner:  # there are none, of length 0
-                    del inner[name]
+                inner.pop(name, None)  # of length 0
         else:
             by_tau = tau if joints.in_order else self._gathered(tau, 0.0)
             if "J" in out:
