@@ -46,11 +46,13 @@ class Joints(NamedTuple):
 
     Attributes:
         places: of each joint; place q·i + k is the k-th of contact i.
+        homes: the contact that feels each joint; -1: none.
         each: places of a contact, q.
         contacts: their number.
     """
 
     places: tuple[int, ...]
+    homes: tuple[int, ...]
     each: int
     contacts: int
 
@@ -85,7 +87,7 @@ class Joints(NamedTuple):
             contact = int(home[joint]) if home[joint] >= 0 else int(used.argmin())
             places[joint] = each * contact + used[contact]
             used[contact] += 1
-        return cls(tuple(places.tolist()), each, n)
+        return cls(tuple(places.tolist()), tuple(home.tolist()), each, n)
 
     @property
     def in_order(self) -> bool:
@@ -160,11 +162,15 @@ class Fields:
                 if name in out and not joints.in_order:
                     inner[name] = self._of_places()
         self._problems.vjp(forces._replace(tau=None), c=c, tau=by_tau, out=inner)
-        for name in ("J", *OF_JOINTS):
-            if joints is not None and name in out and inner[name] is not out[name]:
-                kernel = _scatter_J if name == "J" else _scatter
-                more = [self._contact_of, joints.each] if name == "J" else []
-                self._launch(kernel, out[name].shape, inner[name], self._places, *more, out[name])
+        if joints is None:
+            return
+        if "J" in out:
+            homes = _indices(joints.homes, str(self._device))
+            own = [inner["J"], self._places, homes, self._contact_of, joints.each]
+            self._launch(_scatter_J, out["J"].shape, *own, out["J"])
+        for name in OF_JOINTS:
+            if name in out and not joints.in_order:
+                self._scatter(inner[name], out[name])
 
     def _felt(self, J: WarpArray, contacts: int) -> Any:
         J = J[:1] if not J.strides[0] else J
@@ -241,10 +247,10 @@ def _gather_J(J: _A3, places: _I1, contact_of: _I1, each: int, blocks: _A3):
 
 
 @wp.kernel(enable_backward=False)
-def _scatter_J(blocks: _A3, places: _I1, contact_of: _I1, each: int, J: _A3):
+def _scatter_J(blocks: _A3, places: _I1, homes: _I1, contact_of: _I1, each: int, J: _A3):
     b, a, j = wp.tid()
     value = wp.float64(0.0)
-    if contact_of[a] == places[j] // each:
+    if contact_of[a] == homes[j]:
         value = blocks[b, a, places[j] % each]
     J[b, a, j] = value
 
