@@ -8,7 +8,7 @@ from the call to the end of its work; all with ``out=``, medians of several.
 
 Besides: ``graspforce.torch`` and ``graspforce.jax`` on tensors of the device, where they are
 installed; the example of a thousand hands, where MuJoCo Warp is; and with ``--yardsticks FOLDER``
-other people's ways to the same forces, on the same data: ``wbf.cu`` in CUDA C++, ``wbf_jax.py`` in
+other ways to the same forces, on the same data: ``wbf.cu`` in CUDA C++, ``wbf_jax.py`` in
 natural JAX, ``wbf_torch.py`` in eager PyTorch. A part that fails says so and harms no
 other.
 """
