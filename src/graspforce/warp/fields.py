@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp
 
-from graspforce.contact import model_of
+from graspforce.contact import ContactModel, model_of
 from graspforce.errors import InvalidInputError
 from graspforce.warp.problems import MOST_JOINTS, Forces, Problems, quiet
 
@@ -123,7 +123,7 @@ class Fields:
             self._contact_of = _indices(
                 tuple(i for i, dim in enumerate(dims) for _ in range(dim)), str(self._device)
             )
-            self._joints = Joints.of(self._felt(given["J"], len(dims)))
+            self._joints = _placed(self._felt(given["J"], len(dims)).tobytes(), len(dims))
             self._places = _indices(self._joints.places, str(self._device))
             given["J"] = self._by_contact(given["J"])
             for name in OF_JOINTS:
@@ -133,7 +133,7 @@ class Fields:
             for name in ("J", *OF_JOINTS):
                 given.pop(name, None)
         W, f = given.pop("W"), given.pop("f")
-        self._problems = Problems(W, f, [model_of(dim, 1.0, 1.0) for dim in dims], **given)
+        self._problems = Problems(W, f, _models(tuple(dims)), **given)
 
     def solve(self, forces: Forces, tol: float, max_steps: int) -> None:
         """Write the forces, torques in the order of J's columns."""
@@ -176,7 +176,7 @@ class Fields:
         J = J[:1] if not J.strides[0] else J
         felt = wp.zeros((contacts, J.shape[-1]), dtype=wp.bool, device=self._device)
         self._launch(_mark_felt, J.shape, J, self._contact_of, felt)
-        return felt.numpy().astype(bool)
+        return felt.numpy()
 
     def _by_contact(self, J: WarpArray) -> WarpArray:
         joints, (rows, m, _) = self._joints, J.shape
@@ -210,6 +210,20 @@ class Fields:
 def _load(device: str) -> None:
     with quiet():
         wp.load_module(__name__, device=device)
+
+
+# Made once, for a call on a few thousand problems is the host's time in Python.
+
+
+@functools.lru_cache(maxsize=256)
+def _models(dims: tuple[int, ...]) -> tuple[ContactModel, ...]:
+    return tuple(model_of(dim, 1.0, 1.0) for dim in dims)
+
+
+@functools.lru_cache(maxsize=256)
+def _placed(felt: bytes, contacts: int) -> Joints:
+    """Return the places for what contacts feel, a byte for each contact and joint."""
+    return Joints.of(np.frombuffer(felt, dtype=bool).reshape(contacts, -1))
 
 
 @functools.lru_cache(maxsize=256)
