@@ -1,16 +1,25 @@
 """What ``graspforce.warp`` does on a GPU: rates, times of small batches, agreement with the CPU.
 
-One run of about a minute measures everything: ``python benchmarks/gpu.py --save``. The grasps are
+One run of a few minutes measures everything: ``python benchmarks/gpu.py --save``. The grasps are
 random: four point contacts with friction, three joints a finger, every number of a problem its own
 (147 of them). Set A are those of the drawn ones that are solved within 100 steps, B has 10 % of the
 others among them. The large batches are timed by CUDA events, the small ones by the host's clock
 from the call to the end of its work; all with ``out=``, medians of several.
+
+Besides: ``graspforce.torch`` and ``graspforce.jax`` on tensors of the device, where they are
+installed; the example of a thousand hands, where MuJoCo Warp is; and with ``--yardsticks FOLDER``
+other ways to the same forces, on the same data: ``wbf.cu`` in CUDA C++, ``wbf_jax.py`` in
+natural JAX, ``wbf_torch.py`` in eager PyTorch. A part that fails says so and harms no
+other.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import os
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -29,12 +38,15 @@ from saving import show, writable
 import graspforce as gf
 import graspforce.warp as gw
 from graspforce.cli.process import as_command
+from graspforce.contact import contact_starts
 
+os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")  # the memory is for all
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from warp_problems import random_batch
 
 wp: Any = warp
 RESULTS = Path(__file__).parent / "results" / "gpu.txt"
+HANDS = Path(__file__).parents[1] / "examples" / "warp" / "thousand_hands.py"
 SEED, CONTACTS, JOINTS, COMPARED = 20101, 4, 3, 1000
 MODELS = [gf.PCWF(0.5)] * CONTACTS
 # What a solve of one problem moves at least: its numbers, c, nu, status and steps; and what vjp
@@ -312,6 +324,215 @@ def measure_small(clock: Clock, name: str, A: Arrays, table: Table) -> None:
         table.add_row(f"{count:,}", *(f"{clock.host_seconds(w) * 1e6:,.0f}" for w in works))
 
 
+# ---- torch and JAX -----------------------------------------------------------------------------
+
+
+def dense(arrays: Arrays) -> Arrays:
+    """The same with the J of a ForceProblem, (B, m, n_joints)."""
+    J = np.zeros((*arrays["J"].shape[:2], CONTACTS * JOINTS))
+    starts = contact_starts(MODELS)
+    for i in range(CONTACTS):
+        part = slice(starts[i], starts[i + 1])
+        J[:, part, JOINTS * i : JOINTS * (i + 1)] = arrays["J"][:, part]
+    return arrays | {"J": J}
+
+
+def torch_works(A: Arrays, device: str) -> tuple[Callable[[], Any], Callable[[], Any]]:
+    """Functions that solve, and solve and go back to all tensors, with c and gradients in NumPy."""
+    import torch
+
+    import graspforce.torch as gt
+
+    device = device.partition(":")[0]
+    leaves = {
+        key: torch.tensor(value, device=device, requires_grad=True) for key, value in A.items()
+    }
+    v = torch.tensor(weights(A), device=device)
+
+    def forward() -> Any:
+        with torch.no_grad():
+            return gt.solve(models=MODELS, **leaves).c.detach()
+
+    def both() -> Any:
+        c = gt.solve(models=MODELS, **leaves).c
+        return dict(zip(leaves, torch.autograd.grad((c * v).sum(), list(leaves.values()))))  # noqa: B905
+
+    return forward, both
+
+
+def jax_works(A: Arrays, device: str) -> tuple[Callable[[], Any], Callable[[], Any]]:
+    """The same in JAX, inside jit."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import graspforce.jax as gj
+
+    place = jax.devices(device.partition(":")[0])[0]
+    arrays = {key: jax.device_put(value, place) for key, value in A.items()}
+    v = jax.device_put(weights(A), place)
+    solve = jax.jit(lambda arrays: gj.solve(models=MODELS, **arrays).c)
+    slope = jax.jit(jax.grad(lambda arrays: (gj.solve(models=MODELS, **arrays).c * v).sum()))
+    return (
+        lambda: jax.block_until_ready(solve(arrays)),
+        lambda: jax.block_until_ready(slope(arrays)),
+    )
+
+
+def weights(A: Arrays) -> np.ndarray:
+    return np.random.default_rng(SEED).normal(size=(len(A["f"]), 3 * CONTACTS))
+
+
+def in_numpy(value: Any) -> np.ndarray:
+    return np.asarray(value.cpu() if hasattr(value, "cpu") else value)
+
+
+def measure_tensors(clock: Clock, name: str, A: Arrays, table: Table) -> None:
+    """The front ends: correctness beside the CPU, and times by the host's clock."""
+    for library, works_of in (("torch", torch_works), ("jax", jax_works)):
+        if importlib.util.find_spec(library) is None:
+            continue
+        try:
+            for count in (4096, 262144):
+                if count > len(A["f"]):
+                    break
+                some = dense(rows(A, np.arange(count)))
+                forward, both = works_of(some, name)
+                first = time.perf_counter()
+                c, gradients = in_numpy(forward()), both()
+                first = time.perf_counter() - first
+                seconds = [clock.host_seconds(work, 30) for work in (forward, both)]
+                said = compare(some, c, gradients) if count == 4096 else f"first {first:.1f} s"
+                times = (f"{each * 1e6:,.0f}" for each in seconds)
+                rates = ", ".join(mega(count, each) + " M/s" for each in seconds)
+                table.add_row(f"graspforce.{library}, {count:,}", *times, f"{rates}; {said}")
+        except Exception as error:
+            table.add_row(f"graspforce.{library}", "failed", "", short(error))
+
+
+def compare(A: Arrays, c: np.ndarray, gradients: Arrays) -> str:
+    """How far c and the gradients are from graspforce's on the CPU, in a hundred rows."""
+    some = rows(A, np.arange(100))
+    batch = gf.solve_batch(models=MODELS, **some)
+    expected = gf.sensitivity(batch).vjp(c=weights(A)[:100], wrt=tuple(some))
+    off = np.abs(c[:100] - batch.c)[batch.solved].max()
+    errors = []
+    for key, wanted in expected.items():
+        found = in_numpy(gradients[key])[:100]
+        if key == "J":  # the kernels know none by joints that a contact does not feel
+            found, wanted = (each * (some["J"] != 0) for each in (found, wanted))
+        size = np.abs(wanted).reshape(100, -1).max(axis=1) + 1e-9
+        errors.append(np.abs(found - wanted).reshape(100, -1).max(axis=1) / size)
+    return f"c off by {off:.0e} N at most, gradients by {np.quantile(errors, 0.99):.0e} (99 %)"
+
+
+def short(error: Exception) -> str:
+    return f"{type(error).__name__}: {str(error)[-300:]}"
+
+
+# ---- yardsticks --------------------------------------------------------------------------------
+
+
+class Yardsticks:
+    """Other ways to the same forces, in a folder: compiled while other things are measured."""
+
+    def __init__(self, folder: Path, scratch: Path) -> None:
+        self.folder, self.scratch = folder, scratch
+        self.data = scratch / "set.bin"
+        self.compiler = shutil.which("nvcc")
+        if self.compiler:
+            command = [self.compiler, "-O3", "-std=c++17", "-arch=native", "-o", scratch / "wbf"]
+            with (scratch / "nvcc.txt").open("w") as log:
+                self.build = subprocess.Popen(
+                    [*command, folder / "wbf.cu"], stdout=log, stderr=subprocess.STDOUT
+                )
+
+    def measure(self, clock: Clock, name: str, count: int, table: Table) -> None:
+        """Time them, and graspforce.warp on their data."""
+        if not self.compiler or self.build.wait(timeout=240):
+            said = (self.scratch / "nvcc.txt").read_text()[-300:] if self.compiler else "no nvcc"
+            table.add_row("wbf.cu", "failed", "", said)
+            return
+        text = self.run([self.scratch / "wbf", str(count)])
+        cpp = {}
+        for kind in ("cold", "warm"):
+            # The first of each name is double precision on grasps that can hold.
+            lines = re.search(r"--- fp64, feasible(.*?)---", text, re.S)
+            found = re.findall(
+                rf"^four lanes.*?{kind}\s+[\d.]+ ms\s+([\d.]+) M/s", lines[1] if lines else "", re.M
+            )
+            cpp[kind] = max(map(float, found), default=np.nan)
+        backward = re.search(r"back, four lanes [\d.]+ ms ([\d.]+)", text)
+        cpp["backward"] = float(backward[1]) if backward else np.nan
+        own = self.own(clock, name, count)
+        for kind, rate in cpp.items():
+            table.add_row(
+                f"wbf.cu, {kind}", f"{rate:,.0f}", f"{own[kind]:,.0f}", f"{own[kind] / rate:.2f}"
+            )
+        for program, words, line in (
+            ("wbf_jax.py", ["natural"], r"jax natural float64 B=\d+: .*? ms ([\d.]+) M/s"),
+            ("wbf_torch.py", [], r"torch eager torch.float64 B=\d+: .*? ms ([\d.]+) M/s"),
+        ):
+            sizes = str(min(count, 1_000_000))
+            text = self.run([sys.executable, self.folder / program, self.data, sizes, *words])
+            rates = [float(rate) for rate in re.findall(line, text)]
+            rate = max(rates, default=np.nan)
+            table.add_row(
+                f"{program}, cold", f"{rate:,.2f}", f"{own['cold']:,.0f}",
+                f"{own['cold'] / rate:,.0f}",
+            )  # fmt: skip
+
+    def run(self, command: list[Any]) -> str:
+        """Return what a program printed; what it said of an error goes along."""
+        wp.synchronize()
+        settings = {"OUT": str(self.scratch), "SETFILE": str(self.data)}
+        done = subprocess.run(
+            command, text=True, timeout=150, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            env=os.environ | settings, check=False,
+        )  # fmt: skip
+        print(done.stdout[-6000:], flush=True)
+        return done.stdout
+
+    def own(self, clock: Clock, name: str, count: int) -> dict[str, float]:
+        """The rates of graspforce.warp on the yardsticks' data [M/s]."""
+        columns = np.fromfile(self.data).reshape(165, -1)
+        columns = np.resize(columns.T, (count, 165))
+        W, f, J, mu, lo, hi, most, alpha = np.split(
+            columns[:, :147], np.cumsum((72, 6, 36, 4, 12, 12, 4)), axis=1
+        )
+        arrays = {
+            "W": W.reshape(count, 6, 12), "f": f, "J": J.reshape(count, 12, 3), "mu": mu,
+            "tau_lo": lo, "tau_hi": hi, "c_max": most, "alpha": alpha[:, 0],
+        }  # fmt: skip
+        problems = bind(on_device(arrays, name))
+        forces = problems.solve()
+        out = forces._replace(tau=None)
+        moved = bind(on_device(disturbed(arrays), name))
+        start, by_c = wp.clone(forces.c), wp.clone(forces.c)
+        gradients = problems.vjp(forces, c=by_c)
+        seconds = {
+            "cold": clock.seconds(partial(problems.solve, out=out)),
+            "warm": clock.seconds(partial(moved.solve, start, out=out)),
+        }
+        problems.solve(out=forces)
+        seconds["backward"] = clock.seconds(partial(problems.vjp, forces, c=by_c, out=gradients))
+        return {kind: count / each / 1e6 for kind, each in seconds.items()}
+
+
+# ---- a thousand hands --------------------------------------------------------------------------
+
+
+def measure_hands(name: str, table: Table) -> None:
+    """The example, whose last line is its rate."""
+    for count in (1024, 16384) if name.startswith("cuda") else (4,):
+        seconds = "1" if name.startswith("cuda") else ".1"
+        done = subprocess.run(
+            [sys.executable, HANDS, "--hands", str(count), "--seconds", seconds, "--device", name],
+            text=True, timeout=240, capture_output=True, check=False,
+        )  # fmt: skip
+        said = done.stdout.splitlines()[-3:] if done.returncode == 0 else [done.stderr[-300:]]
+        table.add_row(f"{count:,} hands in MuJoCo Warp", "", "", "; ".join(said))
+
+
 # ---- the run -----------------------------------------------------------------------------------
 
 
@@ -322,39 +543,68 @@ def new_table(*columns: str) -> Table:
     return table
 
 
-def measure(name: str, count: int, save: Path | None) -> None:
+def measure(name: str, count: int, save: Path | None, folder: Path | None) -> None:
+    clock = Clock(name)
+    card = clock.device
+    memory = f", {card.total_memory / 2**30:.0f} GiB" if card.is_cuda else ""
+    parts: list[Any] = [f"{card.name}{memory}, Warp {wp.config.version}"]
+    with tempfile.TemporaryDirectory() as scratch:
+        yardsticks = Yardsticks(folder.resolve(), Path(scratch)) if folder else None
+        large = new_table(f"{count:,} problems", "M/s", "")
+        small = new_table(
+            "problems, µs a call", "solve", "Problems.solve", "the same, warm", "vjp",
+            "solve, as a graph",
+        )  # fmt: skip
+        tensors = new_table("tensors, µs a call", "solve", "and gradients", "")
+        others = new_table("yardsticks, M/s", "theirs", "graspforce.warp", "ratio")
+        hands = new_table("simulation", "", "", "")
+        A, B, out_of_A = draw(name, count, large)
+        works: list[tuple[Table, list[Callable[[], None]]]] = [
+            (large, [
+                partial(measure_first_call, name, large),
+                partial(measure_agreement, name, A, out_of_A, large),
+                partial(measure_copy, clock, large),
+                partial(measure_solve, clock, name, A, B, large),
+                partial(measure_vjp, clock, name, A, large),
+                partial(measure_single, clock, name, A, large),
+                partial(measure_layouts, clock, name, count, large),
+            ]),
+            (small, [partial(measure_small, clock, name, A, small)]),
+            (tensors, [partial(measure_tensors, clock, name, A, tensors)]),
+        ]  # fmt: skip
+        if yardsticks:
+            work = partial(yardsticks.measure, clock, name, count, others)
+            works.append((others, [work]))
+        if importlib.util.find_spec("mujoco_warp"):
+            works.append((hands, [partial(measure_hands, name, hands)]))
+        try:
+            for table, steps in works:
+                parts += ["", table]
+                for step in steps:
+                    attempt(step, table)
+        finally:  # what there is when it is interrupted
+            show(*parts, save=save, width=140)
+
+
+def attempt(step: Callable[[], None], table: Table) -> None:
+    """Measure something; what fails is written down."""
+    try:
+        step()
+    except Exception as error:
+        table.add_row("failed", *[""] * (len(table.columns) - 2), short(error))
+
+
+def draw(name: str, count: int, table: Table) -> tuple[Arrays, Arrays, Arrays]:
+    """Sets A and B, and those that were drawn and are not in A."""
     # An eighth of the problems is drawn; the sets repeat them.
     drawn = random_grasps(np.random.default_rng(SEED), max(2 * COMPARED, count // 8 * 5 // 4))
     good = solved(bind(on_device(drawn, name)).solve(max_steps=100))
+    table.add_row("drawn", "", f"{good.mean():.2%} solved within 100 steps")
     in_A, out_of_A = np.flatnonzero(good), np.flatnonzero(~good)
     which = np.resize(in_A, count)
     A, tenth = rows(drawn, which), np.random.default_rng(SEED).random(count) < 0.1
     which[tenth] = np.resize(out_of_A, tenth.sum())
-    B = rows(drawn, which)
-
-    clock = Clock(name)
-    large = new_table(f"{count:,} problems", "M/s", "")
-    large.add_row("drawn", "", f"{good.mean():.2%} solved within 100 steps")
-    measure_first_call(name, large)
-    measure_agreement(name, A, rows(drawn, out_of_A), large)
-    measure_copy(clock, large)
-    measure_solve(clock, name, A, B, large)
-    measure_vjp(clock, name, A, large)
-    measure_single(clock, name, A, large)
-    measure_layouts(clock, name, count, large)
-    small = new_table(
-        "problems, µs a call",
-        "solve",
-        "Problems.solve",
-        "the same, warm",
-        "vjp",
-        "solve, as a graph",
-    )
-    measure_small(clock, name, A, small)
-    card = clock.device
-    memory = f", {card.total_memory / 2**30:.0f} GiB" if card.is_cuda else ""
-    about = f"{card.name}{memory}, Warp {wp.config.version}"
-    show(about, "", large, "", small, save=save, width=120)
+    return A, rows(drawn, which), rows(drawn, out_of_A)
 
 
 def main() -> None:
@@ -364,13 +614,16 @@ def main() -> None:
     parser.add_argument(
         "--save", type=writable, nargs="?", const=RESULTS, help="a file for the tables"
     )
+    parser.add_argument(
+        "--yardsticks", type=Path, help="a folder with wbf.cu, wbf_jax.py and wbf_torch.py"
+    )
     parser.add_argument("--first-call", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_WARNING
     if arguments.first_call:
         first_call(arguments.device)
     else:
-        measure(arguments.device, arguments.problems, arguments.save)
+        measure(arguments.device, arguments.problems, arguments.save, arguments.yardsticks)
 
 
 if __name__ == "__main__":

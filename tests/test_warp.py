@@ -395,6 +395,64 @@ def test_only_the_wanted_gradients_are_written():
         np.testing.assert_array_equal(array.numpy(), everything[name].numpy())
 
 
+# ---- a set squeeze -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def squeezed():
+    """Grasps of which contact 1 has its normal force set; the first row's floor is above it."""
+    arrays, models = random_batch(np.random.default_rng(8), ("PCWF",) * 4, 200, floors=True)
+    arrays["f"] *= 0.3
+    arrays["c_min"][:, 1] = arrays["c_max"][:, 1] = np.linspace(0.3, 2, 200)
+    arrays["c_min"][0, 1] *= 1.001
+    problems = bind(arrays, models)
+    return arrays, problems, problems.solve(tol=1e-15)
+
+
+def test_a_floor_at_the_ceiling_sets_the_normal_force(squeezed):
+    arrays, problems, forces = squeezed
+    c, good = forces.c.numpy(), forces.status.numpy() == gf.Status.SOLVED
+    assert good.sum() > 100
+    assert not good[0]
+    feasible = 0
+    for row in range(1, 200):
+        solution = gf.solve(problems[row], gf.Settings(tol=1e-15))
+        feasible += solution.status is gf.Status.SOLVED
+        if good[row]:
+            assert solution.status is gf.Status.SOLVED
+            assert c[row, 3] == pytest.approx(arrays["c_max"][row, 1], rel=1e-9)
+            np.testing.assert_allclose(c[row], solution.c, atol=1e-6 * abs(solution.c).max())
+    assert good.sum() >= 0.97 * feasible
+
+
+def test_gradients_at_a_set_squeeze(squeezed):
+    arrays, problems, forces = squeezed
+    rng = np.random.default_rng(9)
+    v = rng.normal(size=forces.c.shape)
+    gradients = problems.vjp(forces, c=on_cpu(v), wanted=list(arrays))
+    good = np.flatnonzero(forces.status.numpy() == gf.Status.SOLVED)[:40].tolist()
+    for row in good:
+        solution = gf.solve(problems[row], gf.Settings(tol=1e-15))
+        expected = gf.sensitivity(solution).vjp(c=v[row], wrt=("c_max", "c_min", "f", "mu"))
+        for name, gradient in expected.items():
+            atol = 1e-4 * max(1.0, np.abs(gradient).max())
+            np.testing.assert_allclose(gradients[name].numpy()[row], gradient, atol=atol)
+
+
+def test_a_set_squeeze_in_single_precision_and_with_engagement():
+    arrays, models = random_batch(np.random.default_rng(8), ("PCWF",) * 4, 100, floors=True)
+    arrays["f"] *= 0.3
+    arrays["c_min"][:, 1] = arrays["c_max"][:, 1] = 1.0
+    arrays["engagement"] = np.full((100, 4), 0.5)
+    double = bind(arrays, models).solve()
+    arrays = {name: on_cpu(array, np.float32) for name, array in arrays.items()}
+    single = gw.solve(models=models, precision="single", **arrays)
+    for forces, most in ((double, 1e-9), (single, 1e-4)):
+        good = forces.status.numpy() == gf.Status.SOLVED
+        assert good.sum() > 50
+        np.testing.assert_allclose(forces.c.numpy()[good, 3], 0.5, rtol=2 * most)
+
+
 # ---- refusals ----------------------------------------------------------------------------------
 
 

@@ -22,6 +22,19 @@ def axes_of(name: str) -> int:
     return len(FIELDS[name].shape)
 
 
+def shapes_of(fields: Mapping[str, Any], dims: Sequence[int]) -> dict[str, tuple[int, ...]]:
+    """Return the shape of one problem's part of each field that is given."""
+    sizes = {"k": fields["W"].shape[-2], "m": fields["W"].shape[-1], "n": len(dims)}
+    sizes |= {"n_joints": np.shape(fields["J"])[-1]} if "J" in fields else {}
+    sizes |= {"p": np.shape(fields["A"])[-2]} if "A" in fields else {}
+    return {name: tuple(sizes.get(axis, 0) for axis in FIELDS[name].shape) for name in fields}
+
+
+def one_for_all(name: str) -> bool:
+    """Whether one number may stand for all entries of a field."""
+    return FIELDS[name].broadcast or name in ("mu", "gamma")
+
+
 def gather(
     W: Any, f: Any, models: ContactModel | Sequence[ContactModel], options: Mapping[str, Any]
 ) -> tuple[dict[str, Any], tuple[int, ...]]:

@@ -1,10 +1,11 @@
-"""Force problems on JAX arrays, with derivatives: :func:`gf.solve_batch` inside ``jax.jit``.
+"""Force problems on JAX arrays, with derivatives, inside ``jax.jit``, on the CPU and on a GPU.
 
-``graspforce.jax.solve`` is row by row what :func:`graspforce.solve` is, on the host's processor: a
-callback that ``vmap`` turns into one batch, with its own derivative (``custom_vjp``, first order).
-Arrays of float32 are computed in float64 and come back as float32.
+``graspforce.jax.solve`` is row by row what :func:`graspforce.solve` is: a call that ``vmap`` turns
+into one batch, with its own derivative (``custom_vjp``, first order). On the CPU it calls
+:func:`graspforce.solve_batch`, on a CUDA device the kernels of :mod:`graspforce.warp`, with the
+arrays where they are. Arrays of float32 are computed in float64 and come back as float32.
 
-Needs JAX: ``pip install 'graspforce[jax]'``.
+Needs JAX: ``pip install 'graspforce[jax]'``; for a GPU the extra ``gpu`` besides.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from graspforce._engine.layout import FIELDS
 from graspforce._engine.outcome import Status
 from graspforce._engine.settings import DEFAULT, Settings
 from graspforce._util.arrays import require_instance
@@ -28,9 +28,17 @@ try:
 except ModuleNotFoundError as error:
     raise MissingExtraError("graspforce.jax", "jax", "jax") from error
 
-from graspforce._array_solve import axes_of, gather, pull_back, solve_fields
+from graspforce._array_solve import (
+    axes_of,
+    gather,
+    one_for_all,
+    pull_back,
+    shapes_of,
+    solve_fields,
+)
 
 _jax: Any = jax
+_BY_KERNELS = "cuda"  # the platform on which they do the work
 
 
 class Forces(NamedTuple):
@@ -65,6 +73,12 @@ def solve(
 ) -> Forces:
     """Find the contact forces of B problems, with derivatives by every array.
 
+    On a CUDA device the kernels of :mod:`graspforce.warp` do it. They take up to eight contacts,
+    none of which pulls, six rows of W, and joints that each are felt by one contact, at most four a
+    contact; neither ``f_soft``, rate limits nor ``A c <= b``. Rows that they do not solve have the
+    status MAX_STEPS or STALLED, which proves nothing. The gradient by ``J`` has zeros for joints
+    that a contact does not feel.
+
     Args:
         W: grasp maps, shape (B, k, m) or (k, m).
         f: wrenches, shape (B, k) or (k,) [N, N·m].
@@ -74,19 +88,23 @@ def solve(
             ``mu`` and ``gamma`` among them: arrays or numbers.
 
     Raises:
-        InvalidInputError: as solve_batch.
+        InvalidInputError: as solve_batch; or arrays of different types of floating point, or on
+            different devices.
+        MissingExtraError: JAX has a CUDA device, and Warp is not installed.
+        jax.errors.JaxRuntimeError: while it runs on a CUDA device, what the kernels do not take;
+            its text ends with the reason.
     """
     settings = DEFAULT if settings is None else settings
     require_instance(settings, "settings", Settings)
     fields, dims = gather(W, f, models, options)
+    _require_one_kind(fields)
     kind = _jax.numpy.result_type(W, f)
     if not _jax.numpy.issubdtype(kind, _jax.numpy.floating):
         kind = _jax.numpy.result_type(float)
-    sizes = {"k": W.shape[-2], "m": W.shape[-1], "n": len(dims)}
-    sizes |= {"n_joints": np.shape(fields["J"])[-1]} if "J" in fields else {}
-    sizes |= {"p": np.shape(fields["A"])[-2]} if "A" in fields else {}
+    shapes = shapes_of(fields, dims)
     arrays = [
-        _whole(_jax.numpy.asarray(value, dtype=kind), name, sizes) for name, value in fields.items()
+        _whole(_jax.numpy.asarray(value, dtype=kind), name, shapes[name])
+        for name, value in fields.items()
     ]
     static = _Static(tuple(fields), dims, settings)
     over = [value.ndim > axes_of(name) for name, value in zip(fields, arrays, strict=True)]
@@ -108,11 +126,30 @@ def solve(
     return Forces(*_jax.vmap(partial(_solve, static), in_axes=axes)(*arrays))
 
 
-def _whole(value: Any, name: str, sizes: Mapping[str, int]) -> Any:
+def _require_one_kind(fields: Mapping[str, Any]) -> None:
+    """Look whether the arrays that are JAX's are of one type and on one device."""
+    kinds: dict[str, Any] = {}
+    devices: dict[str, Any] = {}
+    for name, value in fields.items():
+        if not isinstance(value, _jax.Array):
+            continue
+        if _jax.numpy.issubdtype(value.dtype, _jax.numpy.floating) and not value.weak_type:
+            kinds[name] = value.dtype
+        if not isinstance(value, _jax.core.Tracer) and value.committed:
+            devices[name] = value.sharding.device_set
+    for found, what in ((kinds, "an array of"), (devices, "an array on")):
+        for name, one in found.items():
+            first, expected = next(iter(found.items()))
+            if one != expected:
+                raise InvalidInputError(
+                    f"{name}: got {what} {one}, expected {expected} as of {first}"
+                )
+
+
+def _whole(value: Any, name: str, shape: tuple[int, ...]) -> Any:
     """A field with all its entries, where one number stands for them or for those of a row."""
-    if not FIELDS[name].broadcast and name not in ("mu", "gamma"):
+    if not one_for_all(name):
         return value
-    shape = tuple(sizes[axis] for axis in FIELDS[name].shape)
     if value.ndim == 0:
         return _jax.numpy.broadcast_to(value, shape)
     if value.shape[1:] == (1,):
@@ -135,8 +172,18 @@ def _forward(static: _Static, *arrays: Any) -> tuple[tuple[Any, Any, Any], tuple
 def _backward(static: _Static, kept: tuple[Any, ...], gradients: tuple[Any, ...]) -> Any:
     arrays = kept[3:]
     shapes = [_jax.ShapeDtypeStruct(value.shape, value.dtype) for value in arrays]
-    host = partial(_pull_back_on_host, static)
-    return tuple(_jax.pure_callback(host, shapes, *gradients[:2], *kept, vmap_method="expand_dims"))
+    found = (*gradients[:2], *kept[:3])
+
+    def on_host(*each: Any) -> tuple[Any, ...]:
+        host = partial(_pull_back_on_host, static)
+        return tuple(_jax.pure_callback(host, shapes, *each, vmap_method="expand_dims"))
+
+    def on_device(*each: Any) -> tuple[Any, ...]:
+        from graspforce.jax import kernels
+
+        return kernels.pull_back(static.names, static.dims, each[5:], each[:5])
+
+    return _dispatched(on_host, on_device, *found, *arrays)
 
 
 _solve.defvjp(_forward, _backward)
@@ -149,9 +196,33 @@ def _call(static: _Static, arrays: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
     kind = by_name["W"].dtype
     shapes = [_jax.ShapeDtypeStruct((size,), kind) for size in (m, joints, k)]
     shapes.append(_jax.ShapeDtypeStruct((), np.int32))
-    return _jax.pure_callback(
-        partial(_solve_on_host, static), tuple(shapes), *arrays, vmap_method="expand_dims"
-    )
+
+    def on_host(*each: Any) -> tuple[Any, ...]:
+        host = partial(_solve_on_host, static)
+        return tuple(_jax.pure_callback(host, tuple(shapes), *each, vmap_method="expand_dims"))
+
+    def on_device(*each: Any) -> tuple[Any, ...]:
+        from graspforce.jax import kernels
+
+        settings = static.settings
+        return kernels.solve(static.names, static.dims, settings.tol, settings.max_steps, each)
+
+    return _dispatched(on_host, on_device, *arrays)
+
+
+def _dispatched(on_host: Any, on_device: Any, *arrays: Any) -> Any:
+    """Return what one of two functions does, chosen when it is compiled for a platform."""
+    if not _has_kernels():
+        return on_host(*arrays)
+    branches = {_BY_KERNELS: on_device}
+    return _jax.lax.platform_dependent(*arrays, default=on_host, **branches)
+
+
+def _has_kernels() -> bool:
+    try:
+        return bool(_jax.devices(_BY_KERNELS))
+    except RuntimeError:  # JAX has no such platform here
+        return False
 
 
 # ---- on the host: each array with the same number of axes in front, some of length 1 -----------

@@ -27,7 +27,7 @@ import warp
 
 from graspforce._engine.outcome import Status
 from graspforce.equations import RUNAWAY
-from graspforce.problem import REMOVAL_THRESHOLD
+from graspforce.problem import REMOVAL_THRESHOLD, SQUEEZE
 
 wp: Any = warp  # its types are made at run time, out of a type checker's sight
 
@@ -40,6 +40,8 @@ MAX_UNBALANCED_STEPS = 12
 BALANCED = {"double": 1e-10, "single": 1e-5}
 # Share of its diagonal entry below which a pivot counts as lost to rounding.
 LOST_PIVOT = {"double": 1e-15, "single": 1e-7}
+# What a normal force keeps to where its floor is its ceiling, a share of it.
+BAND = {"double": SQUEEZE, "single": 1e-4}
 # The smallest number whose reciprocal is taken.
 TINY = {"double": "1e-280", "single": "1e-36f"}
 THREADS, WARP = 128, 32  # of a block, of a warp
@@ -101,6 +103,7 @@ def kernels(shape: Shape) -> Kernels:
     FIRST = wp.constant(wp.types.vector(8, int)(*(sum(padded[:i]) for i in range(8))))
     LOWER, LOWER6 = Q * (Q + 1) // 2, WRENCH * (WRENCH + 1) // 2
     BALANCE, LOST = BALANCED[shape.precision], LOST_PIVOT[shape.precision]
+    ABOVE, BELOW = 1 + BAND[shape.precision], 1 - BAND[shape.precision]
     SOLVED, UNBOUNDED = int(Status.SOLVED), int(Status.UNBOUNDED)
     MAX_STEPS, STALLED = int(Status.MAX_STEPS), int(Status.STALLED)
     INVALID_NUMBERS = int(Status.INVALID_NUMBERS)
@@ -292,6 +295,32 @@ def kernels(shape: Shape) -> Kernels:
             return Q * i
         return FIRST[i]
 
+    # A floor at the ceiling, a set squeeze, leaves a band about both; one above it leaves nothing.
+
+    @wp.func
+    def raised(p: Inputs, b: int, i: int) -> bool:
+        if wp.static(CEILINGS and FLOORS):
+            return p.c_min[b, i] <= p.c_max[b, i] and R(ABOVE) * p.c_min[b, i] > p.c_max[b, i]
+        return False
+
+    @wp.func
+    def lowered(p: Inputs, b: int, i: int) -> bool:
+        if wp.static(CEILINGS and FLOORS):
+            return p.c_min[b, i] <= p.c_max[b, i] and R(BELOW) * p.c_max[b, i] < p.c_min[b, i]
+        return False
+
+    @wp.func
+    def ceiling_of(p: Inputs, b: int, i: int) -> real:
+        if raised(p, b, i):
+            return R(ABOVE) * p.c_min[b, i]
+        return p.c_max[b, i]
+
+    @wp.func
+    def floor_of(p: Inputs, b: int, i: int) -> real:
+        if lowered(p, b, i):
+            return R(BELOW) * p.c_max[b, i]
+        return p.c_min[b, i]
+
     @wp.func
     def read(p: Inputs, b: int, i: int) -> Contact:
         k = Contact()
@@ -321,9 +350,9 @@ def kernels(shape: Shape) -> Kernels:
                 k.torsion = k.mu * rcp(p.gamma[b, i])
         k.ceiling = R(1e30)
         if wp.static(CEILINGS):
-            k.ceiling = share * p.c_max[b, i]
+            k.ceiling = share * ceiling_of(p, b, i)
         if wp.static(FLOORS):
-            k.floor = share * p.c_min[b, i]
+            k.floor = share * floor_of(p, b, i)
         k.there = R(1.0)
         return k
 
@@ -844,14 +873,21 @@ def kernels(shape: Shape) -> Kernels:
             if by.engagement:
                 total = R(0.0)
                 if wp.static(CEILINGS):
-                    total += G.ceiling * p.c_max[b, i]
+                    total += G.ceiling * ceiling_of(p, b, i)
                 if wp.static(FLOORS):
-                    total += G.floor * p.c_min[b, i]
+                    total += G.floor * floor_of(p, b, i)
                 by.engagement[b, i] = total
+        # Where a set squeeze moves a bound away from the other, that other is what it follows.
+        by_ceiling = share * G.ceiling
+        by_floor = share * G.floor
         if by.c_max:
-            by.c_max[b, i] = share * G.ceiling
+            by.c_max[b, i] = wp.where(raised(p, b, i), R(0.0), by_ceiling)
+            if lowered(p, b, i):
+                by.c_max[b, i] += R(BELOW) * by_floor
         if by.c_min:
-            by.c_min[b, i] = share * G.floor
+            by.c_min[b, i] = wp.where(lowered(p, b, i), R(0.0), by_floor)
+            if raised(p, b, i):
+                by.c_min[b, i] += R(ABOVE) * by_ceiling
 
     @wp.kernel(**options)
     def vjp(p: Inputs, out: Outputs, by_c: A2, by_tau: A2, by: Inputs):

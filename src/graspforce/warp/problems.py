@@ -119,7 +119,7 @@ class Problems:
         tau_hi: upper torque limits, likewise.
         tau_bias: torques that the fingers need for themselves, likewise; default 0.
         c_max: ceilings of the normal forces, shape (B, n) [N].
-        c_min: floors of the normal forces, likewise; below c_max.
+        c_min: floors of the normal forces, likewise; at c_max the squeeze is set.
         engagement: shares of c_max and c_min, shape (B, n), 0…1; a contact at 1e-6 or below is out
             of the grasp; default 1.
         alpha: weights of the linear limits, shape (B,); default 5.
@@ -147,8 +147,8 @@ class Problems:
             if name in given:
                 _require_array(given[name], name, real)
         B = f.shape[0]
-        _require_shape(f, "f", (B, WRENCH))
         self.models = _fitting_models(models, W)
+        _require_shape(f, "f", (B, WRENCH))
         n, m, q = len(self.models), W.shape[-1], _joints(given, W.shape[-1])
         given = {
             "alpha": 5.0,
@@ -371,14 +371,14 @@ class Problems:
 def _loaded(shape: Shape, name: str) -> Kernels:
     """Return the kernels of a shape, compiled and on the device of a name."""
     found, device = kernels(shape), wp.get_device(name)
-    with _quiet():
+    with quiet():
         for kernel in (found.solve, found.vjp):
             wp.load_module(kernel.module, device=device, block_dim=_block(device))
     return found
 
 
 @contextmanager
-def _quiet() -> Generator[None]:
+def quiet() -> Generator[None]:
     """Keep Warp from printing what it compiles; its warnings stay."""
     level = wp.config.log_level
     wp.config.log_level = max(level, wp.LOG_WARNING)
