@@ -158,6 +158,27 @@ def test_forces_and_torques_are_those_of_solve_batch(front, batch):
     np.testing.assert_allclose(front.numpy(found.tau)[solved], expected.tau[solved], atol=1e-9)
 
 
+def test_two_hands_of_one_size_keep_their_own_joints(front):
+    arrays, models = random_batch(np.random.default_rng(6), ("PCWF",) * 4, 20, joints=3)
+    starts, blocks = contact_starts(models), arrays["J"]
+    for order in (np.arange(12), np.arange(12)[::-1], np.arange(12)):
+        J = np.zeros((20, starts[-1], 12))
+        for i in range(4):
+            J[:, starts[i] : starts[i + 1], order[3 * i : 3 * i + 3]] = blocks[
+                :, starts[i] : starts[i + 1]
+            ]
+        hand = arrays | {"J": J}
+        for name in ("tau_lo", "tau_hi"):
+            hand[name] = np.empty((20, 12))
+            hand[name][:, order] = arrays[name]
+        found = front.solve(given(front, hand), models, settings=EXACT)
+        expected = gf.solve_batch(models=models, settings=EXACT, **hand)
+        solved = front.numpy(found.status) == gf.Status.SOLVED
+        assert solved.sum() >= 0.9 * expected.solved.sum() > 5
+        np.testing.assert_allclose(front.numpy(found.c)[solved], expected.c[solved], atol=1e-8)
+        np.testing.assert_allclose(front.numpy(found.tau)[solved], expected.tau[solved], atol=1e-9)
+
+
 def test_gradients_are_those_of_sensitivity(front, batch):
     arrays, models = batch
     rng = np.random.default_rng(3)
