@@ -318,8 +318,7 @@ class MujocoMotors {
   std::vector<Motor> motors_;  // of one drive side by side
 };
 
-// The grasp that a simulation is in. The object is a body that floats, with all that hangs on it,
-// so that a robot that stands on its feet is one too.
+// The grasp that a simulation is in. The object is a body that floats, with all that hangs on it.
 class MujocoGrasp : public RobotGrasp {
  public:
   struct Options {
@@ -603,7 +602,7 @@ class MujocoGrasp : public RobotGrasp {
     const double side = maker == 0 ? 1 : -1;
     seen.maker = bodies[maker];
     seen.geom = contact.geom[maker];
-    // What legs touch with is the object's own.
+    // Where only the object's own joints move what touches, its own body stands for the contact.
     seen.touch.link = bodies[moves[bodies[maker]]       ? maker
                              : moves[bodies[1 - maker]] ? 1 - maker
                                                         : maker];
