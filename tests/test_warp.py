@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import warp as wp
+from batch import rows
 from grasps import SIZES
 from pages import DOCS, run
 from warp_problems import random_batch
@@ -87,6 +88,44 @@ def test_every_row_is_what_solve_finds(solved):
         np.testing.assert_allclose(problem.W.T @ nu[row], pull, atol=1e-6 * max(1, abs(pull).max()))
         np.testing.assert_allclose(tau[row], problem.J.T @ c[row] + problem.tau_bias, atol=1e-12)
     assert 0.99 * feasible <= agreed <= feasible < len(problems)
+
+
+def test_a_hundred_thousand_rows_and_their_gradients_are_those_of_solve_batch():
+    """Four fingers, a tenth of them overloaded, at a tolerance at which rounding decides."""
+    count, part, rng = 100_000, 10_000, np.random.default_rng(7)
+    fields, problems = rows(count)
+    load = np.where(rng.random((count, 1)) < 0.1, 30.0, 1.0) * rng.uniform(0.5, 1.05, (count, 1))
+    fields = fields | {"f": load * fields["f"], "c_max": np.full((count, 4), 50.0)}
+    own = [np.s_[..., 3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(4)]  # joints of a finger
+
+    def by_contact(J):
+        return np.concatenate([J[each] for each in own], axis=-2)
+
+    limits = {"tau_lo": -0.5, "tau_hi": 0.5}
+    ours = bind(fields | {"J": by_contact(fields["J"])}, problems[0].models, **limits)
+    forces = ours.solve(tol=1e-20, max_steps=100)
+    batch = gf.solve_batch(**fields, **limits, models=gf.PCWF(0.5), settings=gf.Settings(tol=1e-20))
+    here, there = forces.status.numpy() == gf.Status.SOLVED, batch.solved
+    assert 0.05 < np.mean(batch.status == gf.Status.INFEASIBLE) < 0.15
+    assert not np.any(here & ~there)
+    assert np.mean(here[there]) > 0.995  # the others are the CPU's to finish
+    c = forces.c.numpy()
+    size = np.abs(batch.c).max(axis=1, keepdims=True)
+    np.testing.assert_array_less(np.abs(c - batch.c)[here] / size[here], 1e-8)
+
+    weights = rng.normal(size=c.shape)
+    found = ours.vjp(forces, c=on_cpu(weights))
+    expected = gf.sensitivity(batch[:part]).vjp(c=weights[:part])
+    held = here[:part]
+    for name in ("f", "W", "J", "mu", "alpha"):
+        mine, theirs = found[name].numpy()[:part][held], np.asarray(expected[name])[held]
+        theirs = by_contact(theirs) if name == "J" else theirs
+        mine, theirs = mine.reshape(len(mine), -1), theirs.reshape(len(theirs), -1)
+        most = np.abs(theirs).max(axis=1)
+        if name == "alpha":  # which may do nothing to what is asked for, of c that are nevertheless
+            change = np.abs(weights[:part] * batch.c[:part]).sum(axis=1)
+            most = np.maximum(most, (change / fields["alpha"][:part])[held])
+        np.testing.assert_array_less(np.abs(mine - theirs).max(axis=1) / most, 1e-8, err_msg=name)
 
 
 def test_what_solved_claims_is_borne_out_by_numpy(solved):
