@@ -355,7 +355,8 @@ def torch_works(A: Arrays, device: str) -> tuple[Callable[[], Any], Callable[[],
 
     def both() -> Any:
         c = gt.solve(models=MODELS, **leaves).c
-        return dict(zip(leaves, torch.autograd.grad((c * v).sum(), list(leaves.values()))))  # noqa: B905
+        found = torch.autograd.grad((c * v).sum(), list(leaves.values()))
+        return dict(zip(leaves, found, strict=True))
 
     return forward, both
 

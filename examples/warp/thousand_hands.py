@@ -15,6 +15,7 @@ import argparse
 import math
 import time
 import warnings
+from functools import partial
 from typing import Any, NamedTuple
 
 import mujoco
@@ -257,7 +258,7 @@ class Hands:
         if self.device.is_cuda:
             with wp.ScopedCapture(self.device) as capture:
                 self.step()
-            step = lambda: wp.capture_launch(capture.graph)  # noqa: E731
+            step = partial(wp.capture_launch, capture.graph)
         wp.synchronize_device(self.device)
         start = time.perf_counter()
         for _ in range(steps):
