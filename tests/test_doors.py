@@ -166,6 +166,27 @@ def three_fingers(coupled: bool, **more):
         yield Joint(f"{name}2", f"{name}1", (0, 0, 0.07), axis, follows=follows, tip=True, **more)
 
 
+def two_tendons_a_joint(**more) -> Robot:
+    """Three fingers whose joints are pulled both ways."""
+    each = [(n, i) for n in THIRD for i in (1, 2)]
+    return Robot(
+        tuple(three_fingers(coupled=False, effort=0.0, **more)),
+        CURLED,
+        "".join(
+            f'<motor name="{way} {n}{i}" tendon="{way}{n}{i}" ctrlrange="0 {force}"/>'
+            for n, i in each
+            for way, force in (("flex", 90), ("extend", 40))
+        ),
+        "<tendon>"
+        + "".join(
+            f'<fixed name="{way}{n}{i}"><joint joint="{n}{i}" coef="{arm}"/></fixed>'
+            for n, i in each
+            for way, arm in (("flex", 0.01), ("extend", -0.012))
+        )
+        + "</tendon>",
+    )
+
+
 CURLED = {f"{name}{i}": 0.3 for name in THIRD for i in (1, 2)}
 ROBOTS = {
     "one joint": Robot(
@@ -229,23 +250,9 @@ ROBOTS = {
         )
         + "</tendon>",
     ),
-    "antagonists": Robot(
-        tuple(three_fingers(coupled=False, effort=0.0)),
-        CURLED,
-        "".join(
-            f'<motor name="{way} {n}{i}" tendon="{way}{n}{i}" ctrlrange="0 {force}"/>'
-            for n in THIRD
-            for i in (1, 2)
-            for way, force in (("flex", 90), ("extend", 40))
-        ),
-        "<tendon>"
-        + "".join(
-            f'<fixed name="{way}{n}{i}"><joint joint="{n}{i}" coef="{arm}"/></fixed>'
-            for n in THIRD
-            for i in (1, 2)
-            for way, arm in (("flex", 0.01), ("extend", -0.012))
-        )
-        + "</tendon>",
+    "antagonists": two_tendons_a_joint(),
+    "tendons over joints of little torque": two_tendons_a_joint(
+        spring='actuatorfrcrange="-.09 .25"'
     ),
     "a soft fingertip on gears": Robot(
         tuple(three_fingers(coupled=False)),
@@ -313,6 +320,8 @@ def test_every_door_gives_the_same_problem(robot, grasps):
         spans = [np.linalg.pinv(each.passive_rows) @ each.passive_rows for each in (grasp, first)]
         np.testing.assert_allclose(*spans, atol=1e-9, err_msg=name)
         assert grasp.internal.shape == first.internal.shape, name
+        np.testing.assert_allclose(grasp.A, first.A, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(grasp.b, first.b, atol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("load", [0.3, 300.0], ids=["light", "heavy"])
@@ -366,3 +375,33 @@ def test_j_is_how_the_fingertips_move(name):
         for i, (contact, speed) in enumerate(zip(grasp.contacts, speeds, strict=True)):
             expected = contact.frame.T @ speed
             np.testing.assert_allclose(grasp.J[starts[i] : starts[i] + 3, j], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("limited", [True, False])
+def test_what_tendons_do_at_a_joint_is_not_cut_off(limited):
+    """MuJoCo says what comes of the motor forces: it cuts off what leaves actuatorfrcrange."""
+    robot = ROBOTS["tendons over joints of little torque"]
+    model, data = grasped(robot)
+    if not limited:  # as if the file did not say so
+        model.jnt_actfrclimited[:] = 0
+    grasp = gf.Grasp.from_mujoco(model, data, "object")
+    said = [note for note in grasp.notes if "all motors together" in note]
+    assert len(said) == limited
+    assert all("'f1' -0.09 to 0.25" in note for note in said)
+    direction = np.array([0.1, 0, 1, 0, 0, 0])
+    most = gf.payload.along(grasp.problem(np.zeros(6)), direction).lower
+    answer = gf.solve(grasp.problem(0.99 * most * direction), check=True)
+    assert answer.status is gf.Status.SOLVED
+    model.jnt_actfrclimited[:6] = 1
+    tendons = [grasp.joint_names.index(model.tendon(i).name) for i in range(model.ntendon)]
+    data.ctrl[:] = answer.motor_forces[tendons]
+    mujoco.mj_forward(model, data)
+    arms = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        arms, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    cut_off = data.actuator_force @ arms - data.qfrc_actuator
+    assert (np.abs(cut_off).max() < 1e-12) == limited
+    if limited:  # and what it leaves is used
+        reserve = np.minimum(0.25 - data.qfrc_actuator[:6], data.qfrc_actuator[:6] + 0.09)
+        assert reserve.min() < 0.003

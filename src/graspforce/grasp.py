@@ -54,7 +54,7 @@ class Grasp:
         internal: forces of the motors that balance among themselves, shape (r, n_joints), where
             they are more than the motions that they move; r = 0 for other hands.
         A: limits ``A c ≤ b`` that the hand sets besides, shape (p, m): stops that joints without
-            motors lean on push only.
+            motors lean on push only; what all motors do together at a joint has a limit of its own.
         b: shape (p,).
         motions: the motions that an object on joints has, shape (6, k), as [linear at ``origin``;
             angular]; None for one that moves freely.

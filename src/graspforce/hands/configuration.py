@@ -13,7 +13,7 @@ from graspforce.contact import Contact
 from graspforce.equations import undetermined
 from graspforce.errors import InvalidInputError
 from graspforce.hands.hand import Actuation
-from graspforce.hands.limits import DriveLimit, as_tau_max, has_motor, limits
+from graspforce.hands.limits import DriveLimit, JointRanges, as_tau_max, has_motor, limits
 from graspforce.hands.stops import Stops
 from graspforce.hands.transmission import RANK_TOLERANCE, Transmission
 
@@ -38,6 +38,11 @@ class Configuration(Protocol):
     @property
     def transmission(self) -> Transmission:
         """How the drives move the joints there; columns in the order of the drives."""
+        ...
+
+    @property
+    def ranges(self) -> JointRanges:
+        """Joints whose torque is limited beside the drives' own limits."""
         ...
 
     @property
@@ -88,6 +93,7 @@ class Motors(NamedTuple, Generic[D]):
     def actuation(
         self,
         transmission: Transmission,
+        ranges: JointRanges,
         full: Array,
         bias: Array,
         notes: tuple[str, ...] = (),
@@ -96,6 +102,7 @@ class Motors(NamedTuple, Generic[D]):
 
         Args:
             transmission: how the drives move the joints.
+            ranges: joints whose torque is limited beside the drives' own limits.
             full: Jacobian over all joints in the contact frames, shape (m, n_dofs).
             bias: what all joints must give besides, shape (n_dofs,).
             notes: what a user should know of the posture.
@@ -106,10 +113,16 @@ class Motors(NamedTuple, Generic[D]):
         stopped = np.zeros(len(self.joint_names))
         for _, drive, side in transmission.beside:
             stopped[drive] = side
+        J, tau_bias = full @ driven, driven.T @ bias
+        A, b = -pushing[touched], (transmission.stopped.T @ bias)[touched]
+        if ranges.names:
+            counted = ~_shifted(ranges, transmission)
+            arms, lo, hi = ranges.arms[counted], ranges.lo[counted], ranges.hi[counted]
+            A = np.vstack((A, arms @ J.T, -arms @ J.T))
+            b = np.concatenate((b, hi - arms @ tau_bias, arms @ tau_bias - lo))
         return Actuation(
-            self.joint_names, full @ driven, self.tau_lo, self.tau_hi, driven.T @ bias,
-            (full @ loaded).T, -loaded.T @ bias, transmission.internal,
-            -pushing[touched], (transmission.stopped.T @ bias)[touched], stopped, notes,
+            self.joint_names, J, self.tau_lo, self.tau_hi, tau_bias,
+            (full @ loaded).T, -loaded.T @ bias, transmission.internal, A, b, stopped, notes,
         )  # fmt: skip
 
 
@@ -183,6 +196,36 @@ def stop_notes(stops: Stops, transmission: Transmission) -> list[str]:
             kind = "which bears what goes beyond the motor's limit there"
         kinds.setdefault(kind, []).append(name)
     return [f"at a stop, {kind}: {', '.join(names)}" for kind, names in kinds.items()]
+
+
+def range_notes(ranges: JointRanges, transmission: Transmission) -> list[str]:
+    """Say which joints' torques the file limits besides, a sentence for those of each kind."""
+    shifted = _shifted(ranges, transmission).tolist()
+    each = list(zip(ranges.names, ranges.lo.tolist(), ranges.hi.tolist(), shifted, strict=True))
+    notes: list[str] = []
+    counted = [f"{name!r} {lo:g} to {hi:g}" for name, lo, hi, left_out in each if not left_out]
+    if counted:
+        notes.append(
+            f"what all motors together do at a joint is limited, too: {', '.join(counted)}"
+        )
+    left_out = [repr(name) for name, _, _, left_out in each if left_out]
+    if left_out:
+        notes.append(
+            f"the file's limit of all motors together at {', '.join(left_out)} is not counted: "
+            "motors that pull against each other load these joints, which is not determined"
+        )
+    return notes
+
+
+def _shifted(ranges: JointRanges, transmission: Transmission) -> NDArray[np.bool_]:
+    """Return at which of the joints internal forces of the motors make a torque, shape (p,).
+
+    They make none at a joint that can move by itself.
+    """
+    shares = np.abs(ranges.arms) @ np.abs(transmission.internal.T)
+    made = np.abs(ranges.arms @ transmission.internal.T)
+    shifted: NDArray[np.bool_] = (made > RANK_TOLERANCE * shares).any(axis=1)
+    return shifted
 
 
 def warnings_of(

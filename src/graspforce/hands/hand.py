@@ -107,7 +107,8 @@ class Actuation(NamedTuple):
     internal: Array
     """Forces of the motors that balance among themselves, shape (r, n_joints)."""
     A: Array
-    """Further limits ``A c ≤ b`` of the hand, shape (p, m): stops that joints lean on only push."""
+    """Further limits ``A c ≤ b`` of the hand, shape (p, m): stops that joints lean on only push;
+    what all motors do together at a joint has a limit of its own."""
     b: Array
     """shape (p,)."""
     stopped: Array

@@ -126,8 +126,8 @@ class ImportedHand:
         configuration = self._configuration(q)
         motors: Motors[Any] = Motors((), self.joint_names, self.tau_lo, self.tau_hi, (), ())
         return motors.actuation(
-            configuration.transmission, self._full(contacts, configuration),
-            configuration.bias(), configuration.notes,
+            configuration.transmission, configuration.ranges,
+            self._full(contacts, configuration), configuration.bias(), configuration.notes,
         )  # fmt: skip
 
     def passive_rows(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:

@@ -32,6 +32,22 @@ class DriveLimit(NamedTuple):
     """The largest torque at a hinge per unit of the drive's own; 0 where there is no hinge."""
 
 
+class JointRanges(NamedTuple):
+    """Joints whose torque the file limits, whatever drives pull at them: tendons, say."""
+
+    names: tuple[str, ...]
+    arms: Array
+    """Torque at each of the joints per force of each drive, shape (p, n_drives)."""
+    lo: Array
+    """shape (p,) [N·m; N for slides]."""
+    hi: Array
+
+
+def no_ranges(n_drives: int) -> JointRanges:
+    """Return the ranges of no joints."""
+    return JointRanges((), np.zeros((0, n_drives)), np.zeros(0), np.zeros(0))
+
+
 class Limits(NamedTuple):
     """What holds for the drives."""
 

@@ -23,13 +23,14 @@ from graspforce.hands.configuration import (
     choose_motors,
     locking_rows,
     notes_of,
+    range_notes,
     stop_notes,
     undetermined_notes,
     warnings_of,
 )
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips
-from graspforce.hands.limits import as_tau_max, has_motor
+from graspforce.hands.limits import JointRanges, as_tau_max, has_motor
 from graspforce.hands.loops import HOPELESS, WORTH_SAYING, largest_gap, rows_of
 from graspforce.hands.mujoco.contacts import ContactReader, Indices, contact_wrenches
 from graspforce.hands.mujoco.model import (
@@ -44,6 +45,7 @@ from graspforce.hands.mujoco.model import (
     drive_rows,
     drives,
     every_dof,
+    joint_ranges,
     joints_as_drives,
     links_of,
     mocap_bodies,
@@ -74,6 +76,7 @@ class _Hand(NamedTuple):
     motors: Motors[Drive]
     stops: Stops
     transmission: Transmission
+    ranges: JointRanges
 
 
 class MujocoGrasp:
@@ -121,7 +124,8 @@ class MujocoGrasp:
         passive_loads: what it has to be, shape (k,).
         internal: forces of the motors that balance among themselves, shape (r, n_joints), where
             they are more than the motions; it changes with the moment arms, as J does.
-        A: limits ``A c ≤ b`` of stops that joints lean on and that only push, shape (p, m).
+        A: limits ``A c ≤ b`` of the hand besides, shape (p, m): of stops that joints lean on and
+            that only push, and of joints whose torque by all motors together the file limits.
         b: shape (p,).
         motions: the motions that the object's own joints leave it, shape (6, k), as
             [linear at ``origin``; angular]; None where it moves freely, or motors carry it.
@@ -228,7 +232,7 @@ class MujocoGrasp:
         full = wrenches @ screws.T
         full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
         bias = bias_forces(model, data)[hand.dofs]
-        actuation = hand.motors.actuation(hand.transmission, full, bias)
+        actuation = hand.motors.actuation(hand.transmission, hand.ranges, full, bias)
         self._contacts, self._hand, self._screws = contacts, hand, screws
         self._bias = bias
         self._gap, self._tied = gap, tied
@@ -277,6 +281,7 @@ class MujocoGrasp:
             ),
             *self._motor_notes,
             *stop_notes(hand.stops, hand.transmission),
+            *range_notes(hand.ranges, hand.transmission),
             *self._object.notes(hand.moments, self.motions),
         ]
         if self._gap.share > WORTH_SAYING:
@@ -385,7 +390,7 @@ class MujocoGrasp:
         hand, wrenches = self._found, contact_wrenches(points, axes, dims, self.origin)
         full = wrenches @ self._screws.T
         full *= np.repeat(self._acting[bodies][:, hand.dofs], dims, axis=0)
-        actuation = hand.motors.actuation(hand.transmission, full, self._bias)
+        actuation = hand.motors.actuation(hand.transmission, hand.ranges, full, self._bias)
         return np.ascontiguousarray(wrenches.T), actuation
 
     @property
@@ -515,7 +520,9 @@ class MujocoGrasp:
         rows = moments[[self._drives.index(each) for each in motors.drives]]
         leaned = stops.on(dofs, self._held)
         moved = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
-        return _Hand(key, moments, couplings, dofs, motors, leaned, moved)
+        loose = dofs[~self._held[:, dofs].any(axis=0)]
+        ranges = joint_ranges(self._model, motors.drives, rows, loose)
+        return _Hand(key, moments, couplings, dofs, motors, leaned, moved, ranges)
 
 
 def held_grasp(

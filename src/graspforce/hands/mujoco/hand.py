@@ -16,6 +16,7 @@ from graspforce.hands.configuration import (
     choose_motors,
     locking_rows,
     notes_of,
+    range_notes,
     warnings_of,
 )
 from graspforce.hands.imported import (
@@ -108,7 +109,12 @@ def from_mjcf(
     told = (chosen, configuration.transmission, configuration.dof_names)
     warnings = (*missing, *warnings_of(*told))
     warn(*warnings)
-    notes = (*warnings, *notes_of(*told, locked, model.dof_frictionloss[dofs]), *motor_notes)
+    notes = (
+        *warnings,
+        *notes_of(*told, locked, model.dof_frictionloss[dofs]),
+        *range_notes(configuration.ranges, configuration.transmission),
+        *motor_notes,
+    )
     return ImportedHand(
         chosen.joint_names, robot.q_names, chosen.tau_lo, chosen.tau_hi, fingers, tips,
         tuple(tips.values()), notes, robot,

@@ -17,7 +17,7 @@ from graspforce._util.arrays import Array, came, index_of
 from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
 from graspforce.hands.configuration import as_names, stop_notes
 from graspforce.hands.imported import as_link
-from graspforce.hands.limits import DriveLimit, as_tau_max
+from graspforce.hands.limits import DriveLimit, JointRanges, as_tau_max
 from graspforce.hands.loops import Coupling, rows_of
 from graspforce.hands.stops import Stops, ends, no_stops
 from graspforce.hands.transmission import Transmission, transmission
@@ -268,6 +268,30 @@ def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
     return rows[[drive.output for drive in each]] / gears.reshape(-1, 1)
 
 
+def joint_ranges(
+    model: Any, each: Sequence[Drive], rows: Array, dofs: NDArray[np.intp]
+) -> JointRanges:
+    """Return the joints with an ``actuatorfrcrange`` at which more than their own drive pulls.
+
+    MuJoCo cuts off what all actuators together do at a joint. Of a joint that its own drive alone
+    moves that is in the drive's limits already.
+
+    Args:
+        model: the model.
+        each: the drives.
+        rows: their motions by joint motion, shape (n_drives, nv).
+        dofs: the degrees of freedom that count.
+    """
+    limited = dofs[model.jnt_actfrclimited[model.dof_jntid[dofs]] != 0]
+    names = dof_names(model, limited)
+    own = np.array([[drive.limit.name == name for drive in each] for name in names], dtype=bool)
+    arms = rows[:, limited].T
+    pulled = ((arms != 0) & ~own.reshape(arms.shape)).any(axis=1)
+    joints = model.dof_jntid[limited[pulled]]
+    lo, hi = model.jnt_actfrcrange[joints].T
+    return JointRanges(dof_names(model, limited[pulled]), arms[pulled], lo, hi)
+
+
 def couplings(model: Any, data: Any) -> list[Coupling]:
     """Return the active equality constraints between joints at data's configuration.
 
@@ -459,9 +483,11 @@ class MujocoConfiguration:
         self._model, self._data, self._dofs = model, data, dofs
         coupled = np.vstack((rows_of(couplings(model, data), turning(model)), held))
         leaned = stops.on(dofs, held)
+        rows = drive_rows(model, data, drives)
         self.transmission: Transmission = transmission(
-            drive_rows(model, data, drives)[:, dofs], coupled[:, dofs], leaned.rows
+            rows[:, dofs], coupled[:, dofs], leaned.rows
         )
+        self.ranges = joint_ranges(model, drives, rows, dofs[~held[:, dofs].any(axis=0)])
         self.notes = (*notes, *stop_notes(leaned, self.transmission))
 
     @property

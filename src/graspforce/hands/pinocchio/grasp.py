@@ -218,7 +218,9 @@ class PinocchioGrasp:
         bias = every[self._dofs]
         self.load = self._base_wrench(q, every[:6], about) if self._on_robot else None
         self.contacts, self.origin, self.W = given, about, map_about(about, given)
-        self.actuation = self._motors.actuation(self._configuration.transmission, full, bias)
+        self.actuation = self._motors.actuation(
+            self._configuration.transmission, self._configuration.ranges, full, bias
+        )
         self.joint_names, self.J = self.actuation.joint_names, self.actuation.J
         self.tau_lo, self.tau_hi = self.actuation.tau_lo, self.actuation.tau_hi
         self.tau_bias, self.internal = self.actuation.tau_bias, self.actuation.internal

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from graspforce._util.arrays import Array
 from graspforce.errors import MissingExtraError
 from graspforce.hands.configuration import stop_notes
-from graspforce.hands.limits import DriveLimit
+from graspforce.hands.limits import DriveLimit, no_ranges
 from graspforce.hands.stops import Stops, ends, no_stops
 from graspforce.hands.transmission import Transmission, connected_dofs, transmission
 
@@ -148,6 +148,7 @@ class PinocchioConfiguration:
         self._data = model.createData()
         self._rows = np.eye(model.nv)[[each.dof for each in drives]].reshape(-1, model.nv)
         self._couplings, self._held = couplings, held
+        self.ranges = no_ranges(len(drives))
         self._reader = StopReader(model) if leans else None
         self._stops: Stops | None = None
         self.update(q)
