@@ -183,6 +183,32 @@ def balls(problems: list[gf.ForceProblem], draws: int) -> str:
     )
 
 
+def hulls(problems: list[gf.ForceProblem], facets: int = 512) -> str:
+    """Return how balls agree with polytopes of many facets, by Clarabel."""
+    rng = np.random.default_rng(4)
+    nearest, below, above = [], 0, 0
+    for problem in track(problems, "hulls", transient=True):
+        found = gf.payload.ball(problem)
+        sizes = np.array([1, 1, 1, *[found.length] * 3])
+        u = rng.normal(size=(facets, 6)) * np.geomspace(1e-3, 1e3, facets)[:, None]
+        u += found.weakest / sizes
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        reach = np.array([
+            clarabel_oracle.most_along(problem, across) - across @ problem.f for across in u / sizes
+        ])  # fmt: skip
+        nearest.append(reach.min() / found.upper)
+        below += bool((reach < found.lower * (1 - 1e-6)).any())
+        across = found.weakest / sizes**2
+        weakest = clarabel_oracle.most_along(problem, across) - across @ problem.f
+        above += not found.lower * (1 - 1e-6) <= weakest <= found.upper * (1 + 1e-6)
+    return (
+        f"{len(problems)} of these balls in polytopes of {facets} planes that Clarabel finds by "
+        f"directions near the weakest wrench and far from it: {below} reach beyond, the largest "
+        f"balls of the polytopes are {min(nearest):.4g} to {max(nearest):.4g} times as large; of "
+        f"the planes across the weakest wrench {above} lie outside the bounds"
+    )
+
+
 def sets(draws: int) -> Table:
     """Return what becomes of the lightest tightened grip inside its set and outside it."""
     table = Table(title=f"gf.robust.tighten, the least firm grip, {draws} draws on each set's rim")
@@ -244,6 +270,30 @@ def loop() -> Table:
     return table
 
 
+def at_rest(problems: list[gf.ForceProblem], ticks: int = 150) -> Table:
+    """Return how near to its wish a loop comes under a load that stays."""
+    table = Table(title=f"gf.firmness.FirmServo at rest, {len(problems)} Allegro grasps")
+    for column in ("times the least", "choose can", "within 1 %", "worst", "ms a tick"):
+        table.add_column(column, justify="right")
+    for times in (1.5, 2.0, 4.0):
+        off, spans = [], []
+        for problem in track(problems, f"at rest, {times:g}", transient=True):
+            if not gf.firmness.choose(problem, times_least=times).met:
+                continue
+            servo = gf.firmness.FirmServo(problem, times_least=times)
+            grip = servo.step(f=problem.f)
+            for _ in range(ticks):
+                start = time.perf_counter()
+                grip = servo.step(f=problem.f)
+                spans.append(time.perf_counter() - start)
+            off.append(abs(grip.times_least / times - 1))
+        table.add_row(
+            f"{times:g}", str(len(off)), str(sum(each <= 0.01 for each in off)),
+            f"{100 * max(off):.2f} %", f"{1e3 * np.median(spans):.2g}",
+        )  # fmt: skip
+    return table
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--random", type=int, default=300, help="random grasps")
@@ -261,7 +311,8 @@ def main() -> int:
     show(
         wishes(held, "Allegro"), wishes(random, "random"), least_forces(held + random),
         all_remedies(broken), payloads(held + random), balls(held, options.draws),
-        sets(options.draws // len(robust.SETS)), loop(), rates(options.ticks),
+        hulls(held[::10]), sets(options.draws // len(robust.SETS)), loop(), at_rest(held[::4]),
+        rates(options.ticks),
         save=options.save, width=110,
     )  # fmt: skip
     return 0

@@ -44,6 +44,27 @@ def test_a_load_that_is_not_held_has_no_payload():
     assert found.solution.status is gf.Status.INFEASIBLE
 
 
+@pytest.mark.parametrize(
+    ("direction", "most"),
+    [
+        ((0, 0, 1, 0, 0, 0), 40.0),
+        ((0.4, 0, 1, 0, 0, 0), 40.0),
+        ((0, 0, -1, 0, 0, 0), 0.0),
+        ((1, 0, 0, 0, 0, 0), 0.0),
+        ((0.6, 0, 1, 0, 0, 0), 0.0),
+    ],
+)
+def test_from_the_edge_a_load_grows_inwards_alone(direction, most):
+    """A plate on four feet that press with up to 10 N: nothing is held at the tip of its cone."""
+    feet = [(0.05, 0.05, 0), (-0.05, 0.05, 0), (-0.05, -0.05, 0), (0.05, -0.05, 0)]
+    plate = gf.Grasp([gf.Contact(foot, (0, 0, 1), gf.PCWF(0.5)) for foot in feet])
+    found = payload.along(plate.problem(np.zeros(6), c_max=10), direction)
+    assert gf.solve(plate.problem(np.zeros(6), c_max=10)).status is gf.Status.ON_EDGE
+    assert 0 <= found.lower <= most <= found.upper + 1e-9
+    assert found.upper - found.lower <= 1e-4 * most + 1e-9
+    assert (found.solution.status is gf.Status.SOLVED) == (most > 0)
+
+
 def test_nothing_is_added_out_of_reach():
     contacts = [gf.Contact((s * 0.1, 0, 0), (-s, 0, 0), gf.PCWF(0.5)) for s in (1, -1)]
     pinch = gf.Grasp(contacts).problem([0, 0, 1, 0, 0, 0], c_max=10)
@@ -99,6 +120,18 @@ def test_the_ball_is_enclosed_and_its_wrenches_can_be_made(problem, rng):
     for wrench, c in zip(found.wrenches, found.forces, strict=True):
         assert np.abs(problem.W @ c - wrench).max() < 1e-9 * np.abs(found.wrenches).max()
         assert gf.equations.strictly_inside(c, problem.barriers)
+
+
+def test_the_ball_lies_within_a_polytope_of_many_facets(rng):
+    """By Clarabel's planes in random directions, near the weakest one and far: none may cut it."""
+    problem = feasible(0)[1]
+    found = payload.ball(problem)
+    sizes = np.array([1, 1, 1, *[found.length] * 3])
+    u = rng.normal(size=(512, 6)) * np.geomspace(1e-3, 1e3, 512)[:, None] + found.weakest / sizes
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    reach = [most_along(problem, across) - across @ problem.f for across in u / sizes]
+    assert found.lower <= min(reach) * (1 + 1e-6)
+    assert min(reach) < 1.05 * found.upper  # it is no small ball in a large polytope
 
 
 def test_the_ball_of_a_load_that_is_not_held_is_none():

@@ -36,9 +36,10 @@ class Payload:
     """How far a load can grow along a direction.
 
     Attributes:
-        lower: f + lower·direction is held, by ``solution``; -inf where f itself is not.
-        upper: no factor above it can be held; inf where nothing bounds it, -inf where f itself is
-            not held.
+        lower: f + lower·direction is held, by ``solution``; -inf where f itself is not. 0 where f
+            is on the edge of what can be held and the direction leads out of it or along it.
+        upper: no factor above it can be held, other than on the edge; inf where nothing bounds it,
+            -inf where f itself is not held.
         solution: the forces at ``lower``; where there are none, the answer for f.
         certificate: proof for ``upper``; None where rounding allows none.
         solves: how many problems were solved.
@@ -71,7 +72,7 @@ def along(problem: ForceProblem, direction: ArrayLike, rtol: float = 1e-4) -> Pa
     if not size:
         raise InvalidInputError("direction: got zeros only, expected a wrench")
     here = solve(problem)
-    if here.status is not Status.SOLVED:
+    if here.status not in (Status.SOLVED, Status.ON_EDGE):
         end = math.inf if here.status is Status.UNBOUNDED else -math.inf
         return Payload(-math.inf, end, here, here.certificate, 1)
     start = (float(np.abs(problem.f).max()) or _size(problem)) / size
@@ -81,7 +82,7 @@ def along(problem: ForceProblem, direction: ArrayLike, rtol: float = 1e-4) -> Pa
     edge = find_edge(
         lambda x: problem.replace(f=problem.f - x * d), -start, share, known=(0.0, here)
     )
-    return Payload(-edge.upper, -edge.lower, edge.solution, edge.certificate, 1 + edge.solves)
+    return Payload(0.0 - edge.upper, 0.0 - edge.lower, edge.solution, edge.certificate, 1 + edge.solves)
 
 
 def _share(rtol: float) -> float:
