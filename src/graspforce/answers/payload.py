@@ -82,7 +82,9 @@ def along(problem: ForceProblem, direction: ArrayLike, rtol: float = 1e-4) -> Pa
     edge = find_edge(
         lambda x: problem.replace(f=problem.f - x * d), -start, share, known=(0.0, here)
     )
-    return Payload(0.0 - edge.upper, 0.0 - edge.lower, edge.solution, edge.certificate, 1 + edge.solves)
+    return Payload(
+        0.0 - edge.upper, 0.0 - edge.lower, edge.solution, edge.certificate, 1 + edge.solves
+    )
 
 
 def _share(rtol: float) -> float:

@@ -484,9 +484,7 @@ class MujocoConfiguration:
         coupled = np.vstack((rows_of(couplings(model, data), turning(model)), held))
         leaned = stops.on(dofs, held)
         rows = drive_rows(model, data, drives)
-        self.transmission: Transmission = transmission(
-            rows[:, dofs], coupled[:, dofs], leaned.rows
-        )
+        self.transmission: Transmission = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
         self.ranges = joint_ranges(model, drives, rows, dofs[~held[:, dofs].any(axis=0)])
         self.notes = (*notes, *stop_notes(leaned, self.transmission))
 
