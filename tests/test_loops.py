@@ -268,3 +268,81 @@ def test_links_of_a_loop_are_one_finger():
     grasp = gf.Grasp.from_mujoco(*gripper(), "cube")
     assert len(grasp.contacts) == 1
     assert not any("not in contact" in note for note in grasp.notes)
+
+
+# ---- from Pinocchio ----------------------------------------------------------------------------
+
+
+def in_pinocchio(model):
+    """The same bodies and joints, and the constraint that closes the loop."""
+    pin = pytest.importorskip("pinocchio")
+    robot, joints, offsets = pin.Model(), {0: 0}, {0: pin.SE3.Identity()}
+    for body in range(1, model.nbody):
+        parent = int(model.body_parentid[body])
+        place = offsets[parent] * pin.SE3(np.eye(3), np.array(model.body_pos[body]))
+        if not model.body_jntnum[body]:  # fixed to its parent
+            joints[body], offsets[body] = joints[parent], place
+            continue
+        joint = int(model.body_jntadr[body])
+        slides = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+        kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+        number = robot.addJoint(
+            joints[parent], kind(np.array(model.jnt_axis[joint])), place, model.joint(joint).name
+        )
+        robot.addBodyFrame(model.body(body).name, number, pin.SE3.Identity(), 0)
+        joints[body], offsets[body] = number, pin.SE3.Identity()
+    robot.lowerEffortLimit, robot.upperEffortLimit = np.full((2, robot.nv), [[-5.0], [5.0]])
+    ends = []
+    for site in (model.site("one"), model.site("other")):
+        body = int(site.bodyid[0])
+        ends += [joints[body], offsets[body] * pin.SE3(np.eye(3), np.array(site.pos))]
+    return robot, ends
+
+
+@pytest.mark.parametrize("kind", LINKAGES)
+@pytest.mark.parametrize("on_arm", [False, True], ids=["alone", "on an arm"])
+@pytest.mark.parametrize("tilt", [0.0, 1e-6, 1e-3])
+@pytest.mark.parametrize("off", [0.0, 1e-6, 1e-3])
+def test_j_of_a_loop_that_pinocchios_constraint_closes(kind, on_arm, tilt, off):
+    pin = pytest.importorskip("pinocchio")
+    model = linkage(kind, on_arm=on_arm, tilt=tilt)
+    q, passive = closed(model, posture(model, 0.4))
+    q[passive] += off * np.array([1.0, -1.0])
+    gap, tip = gap_and_tip(model, q)
+    contact = gf.Contact(tip, (0.6, 0, 0.8), gf.PCWF(0.5))
+    robot, ends = in_pinocchio(model)
+    loop = pin.PointAnchorConstraintModel(robot, *ends)
+    driven = [*(("arm1", "arm2", "arm3") if on_arm else ()), "crank"]
+    grasp = gf.Grasp.from_pinocchio(robot, q, [contact], ["tip"], motors=driven, loops=[loop])
+    assert grasp.joint_names == tuple(driven)
+    expected = [contact.frame.T @ tip_motion(model, q, name, gap) for name in driven]
+    np.testing.assert_allclose(grasp.J, np.transpose(expected), atol=1e-6)
+    assert len(grasp.passive_rows) == 0
+    assert any("is open by" in note for note in grasp.notes) == (np.linalg.norm(gap) > 6e-6)
+
+
+def test_a_loop_follows_pinocchios_joints_from_tick_to_tick():
+    """And a weld holds what a point alone does not; what is no constraint is refused."""
+    pin = pytest.importorskip("pinocchio")
+    model = linkage("four-bar")
+    robot, ends = in_pinocchio(model)
+    loop = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, robot, *ends)
+    at = [closed(model, posture(model, crank))[0] for crank in (0.4, 0.1)]
+    contacts = [[gf.Contact(gap_and_tip(model, q)[1], (0, 0, 1), gf.PCWF(0.5))] for q in at]
+    reader = gf.hands.PinocchioGrasp(
+        robot, at[0], contacts[0], ["tip"], motors=["crank"], loops=[loop]
+    )
+    reader.update(at[1], contacts[1])
+    expected = contacts[1][0].frame.T @ tip_motion(model, at[1], "crank")
+    np.testing.assert_allclose(reader.J[:, 0], expected, atol=1e-6)
+    with pytest.raises(
+        gf.InvalidInputError, match=r"linkage of tip and rocker open by \d+\.?\d* mm"
+    ):
+        reader.update(np.array([0.4, 1.0, 0.0]), contacts[0])
+    weld = pin.FrameAnchorConstraintModel(robot, *ends)
+    held = gf.Grasp.from_pinocchio(
+        robot, at[0], contacts[0], ["tip"], motors=["crank"], loops=[weld]
+    )
+    np.testing.assert_allclose(held.J, 0, atol=1e-9)
+    with pytest.raises(gf.InvalidInputError, match=r"loops\[1\]: got a int, expected a pinocchio"):
+        gf.Grasp.from_pinocchio(robot, at[0], contacts[0], ["tip"], loops=[loop, 3])

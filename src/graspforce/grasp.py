@@ -222,6 +222,7 @@ class Grasp:
         on: Literal["object", "robot"] | None = None,
         locked: Sequence[str] = (),
         motors: Sequence[str] | None = None,
+        loops: Sequence[Any] = (),
     ) -> Grasp:
         """Read a grasp from a Pinocchio model and a list of contacts.
 
@@ -247,18 +248,21 @@ class Grasp:
             locked: joints that are held whatever the contacts do to them, as by brakes.
             motors: the joints that have motors; the others turn freely, but for those that are
                 locked.
+            loops: constraint models that close linkages (``pinocchio.PointAnchorConstraintModel``,
+                ``FrameAnchorConstraintModel``, ``RigidConstraintModel``).
 
         Raises:
             MissingExtraError: Pinocchio is not installed.
             InvalidInputError: a wrong shape, a frame that is not there; ``on="robot"`` with a base
-                that does not float.
+                that does not float; a closed linkage that q leaves open by more than a tenth of its
+                size.
             ModelImportError: no motor moves any of the links; a joint without a torque limit; two
                 joints like the jaws of a gripper, without ``urdf`` or limits by name; no URDF.
         """
         from graspforce.hands.pinocchio.grasp import PinocchioGrasp
 
         read = PinocchioGrasp(
-            model, q, contacts, links, v, origin, tau_max, urdf, on, locked, motors
+            model, q, contacts, links, v, origin, tau_max, urdf, on, locked, motors, loops
         )
         grasp = cls._imported(read)
         grasp.load = read.load

@@ -224,7 +224,7 @@ def _shifted(ranges: JointRanges, transmission: Transmission) -> NDArray[np.bool
     """
     shares = np.abs(ranges.arms) @ np.abs(transmission.internal.T)
     made = np.abs(ranges.arms @ transmission.internal.T)
-    shifted: NDArray[np.bool_] = (made > RANK_TOLERANCE * shares).any(axis=1)
+    shifted: NDArray[np.bool_] = np.any(made > RANK_TOLERANCE * shares, axis=1)
     return shifted
 
 

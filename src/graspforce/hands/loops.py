@@ -94,6 +94,16 @@ def largest_gap(couplings: Sequence[Coupling], turns: Mask) -> Gap:
     return max(gaps, key=lambda gap: gap.share)
 
 
+def gap_notes(gap: Gap) -> list[str]:
+    """Say by how much a linkage is open where that shows in J, in a sentence or none."""
+    if gap.share <= WORTH_SAYING:
+        return []
+    return [
+        f"the closed linkage of {' and '.join(gap.between)} is open by {1000 * gap.metres:.3g} mm: "
+        f"J is off by about {gap.share:.1%}"
+    ]
+
+
 def closed(
     q: Array,
     start: Array,

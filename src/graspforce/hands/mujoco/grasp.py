@@ -31,7 +31,7 @@ from graspforce.hands.configuration import (
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips
 from graspforce.hands.limits import JointRanges, as_tau_max, has_motor
-from graspforce.hands.loops import HOPELESS, WORTH_SAYING, largest_gap, rows_of
+from graspforce.hands.loops import HOPELESS, gap_notes, largest_gap, rows_of
 from graspforce.hands.mujoco.contacts import ContactReader, Indices, contact_wrenches
 from graspforce.hands.mujoco.model import (
     Drive,
@@ -284,11 +284,7 @@ class MujocoGrasp:
             *range_notes(hand.ranges, hand.transmission),
             *self._object.notes(hand.moments, self.motions),
         ]
-        if self._gap.share > WORTH_SAYING:
-            notes.append(
-                f"the closed linkage of {' and '.join(self._gap.between)} is open by "
-                f"{1000 * self._gap.metres:.3g} mm: J is off by about {self._gap.share:.1%}"
-            )
+        notes += gap_notes(self._gap)
         absent = self.fingers_without_contact()
         if absent:
             notes.append(f"not in contact with {self.object_name!r}: {', '.join(absent)}")

@@ -24,6 +24,8 @@ from graspforce.hands.configuration import (
 )
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_link
+from graspforce.hands.loops import HOPELESS, gap_notes, largest_gap, rows_of
+from graspforce.hands.pinocchio.loops import as_loops, loop_couplings
 from graspforce.hands.pinocchio.mimics import mimic_couplings, mimics_of
 from graspforce.hands.pinocchio.model import (
     JointDrive,
@@ -32,6 +34,7 @@ from graspforce.hands.pinocchio.model import (
     frames_of,
     joint_drives,
     pinocchio_module,
+    turning,
     what_moves,
 )
 
@@ -60,6 +63,8 @@ class PinocchioGrasp:
             are given: normals up, below its centre of mass.
         locked: joints that are held whatever the contacts do to them, as by brakes.
         motors: the joints that have motors; the others turn freely, but for those that are locked.
+        loops: constraint models that close linkages (``pinocchio.PointAnchorConstraintModel``,
+            ``FrameAnchorConstraintModel``, ``RigidConstraintModel``).
 
     Attributes:
         contacts: the contacts, a tuple.
@@ -83,7 +88,7 @@ class PinocchioGrasp:
 
     Raises:
         MissingExtraError: Pinocchio is not installed.
-        InvalidInputError: a wrong shape, a frame that is not there.
+        InvalidInputError: a wrong shape, a frame that is not there, a closed linkage that is open.
         ModelImportError: no motor moves any of the links; a joint without a torque limit; two
             joints like the jaws of a gripper, without ``urdf`` or limits by name; no URDF.
 
@@ -123,6 +128,7 @@ class PinocchioGrasp:
         on: Literal["object", "robot"] | None = None,
         locked: Sequence[str] = (),
         motors: Sequence[str] | None = None,
+        loops: Sequence[Any] = (),
     ) -> None:
         pin = pinocchio_module()
         if not isinstance(model, pin.Model):
@@ -143,7 +149,9 @@ class PinocchioGrasp:
         named = "urdf" if urdf is None else str(urdf)[:80]
         couplings = mimic_couplings(named, model, mimics, self.links)
         following = {each.joint for each in mimics}
-        self._dofs = what_moves(model, self.links, couplings)
+        self._loops, self._turns = as_loops(loops, model), turning(model)
+        tied = [np.atleast_2d(each.own.astype(float)) for each in self._loops]
+        self._dofs = what_moves(model, self.links, np.vstack((couplings, *tied)))
         self._on_robot, said = _acted_on(on, model, start, as_contacts(contacts))
         held = locking_rows(locked, list(dof_names(model).values()))
         every = [each for each in joint_drives(model) if each.limit.name not in following]
@@ -160,7 +168,7 @@ class PinocchioGrasp:
         if not self._motors.drives:
             raise ModelImportError(f"no motor moves any of the links {', '.join(self.links)}")
         self._configuration = PinocchioConfiguration(
-            model, start, self._dofs, self._motors.drives, couplings, held
+            model, start, self._dofs, self._motors.drives, couplings, held, loops=self._closing
         )
         told = (self._motors, self._configuration.transmission, self._configuration.dof_names)
         warnings = (*warnings_of(*told), *said)
@@ -230,11 +238,22 @@ class PinocchioGrasp:
         )
         self.A, self.b = self.actuation.A, self.actuation.b
 
+    def _closing(self, data: Any) -> Array:
+        """Return the couplings of closed linkages, shape (p, nv)."""
+        tied = loop_couplings(self._loops, self._model, data)
+        self._gap = largest_gap(tied, self._turns)
+        if self._gap.share > HOPELESS:
+            raise InvalidInputError(
+                f"q: leaves the closed linkage of {' and '.join(self._gap.between)} open by "
+                f"{1000 * self._gap.metres:.3g} mm, expected angles at which it closes"
+            )
+        return rows_of(tied, self._turns)
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What a user should know, a sentence each."""
         return (
-            *self._notes, *self._configuration.notes,
+            *self._notes, *self._configuration.notes, *gap_notes(self._gap),
             *undetermined_notes(self.W, self.passive_rows, self.J),
         )  # fmt: skip
 

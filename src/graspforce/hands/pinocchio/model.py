@@ -6,7 +6,7 @@ have no single torque to limit and are taken as held.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -88,6 +88,15 @@ def _slides(model: Any, joint: int) -> bool:
     return str(model.joints[joint].shortname()).startswith("JointModelP")
 
 
+def turning(model: Any) -> NDArray[np.bool_]:
+    """Return which degrees of freedom are turns and no slides, shape (nv,)."""
+    turns = np.ones(model.nv, dtype=bool)
+    for joint in range(1, model.njoints):
+        if int(model.nvs[joint]) == 1:
+            turns[int(model.idx_vs[joint])] = not _slides(model, joint)
+    return turns
+
+
 def frames_of(model: Any) -> dict[str, int]:
     """Return the frames that a contact can be on, by name: links, user's frames, the world."""
     kinds = pinocchio_module().FrameType
@@ -132,6 +141,7 @@ class PinocchioConfiguration:
         couplings: Array,
         held: Array,
         leans: bool = True,
+        loops: Callable[[Any], Array] | None = None,
     ) -> None:
         """Compute how the drives move the degrees of freedom, and where the frames are.
 
@@ -143,6 +153,7 @@ class PinocchioConfiguration:
             couplings: joint motions with ``couplings @ dq != 0`` are impossible, shape (p, nv).
             held: further couplings: joints that are locked.
             leans: whether joints at the ends of their ranges lean on stops.
+            loops: returns further couplings, of data with Jacobians: of closed linkages.
         """
         self._model, self._frames, self._dofs = model, frames_of(model), dofs
         self._data = model.createData()
@@ -150,7 +161,8 @@ class PinocchioConfiguration:
         self._couplings, self._held = couplings, held
         self.ranges = no_ranges(len(drives))
         self._reader = StopReader(model) if leans else None
-        self._stops: Stops | None = None
+        self._loops = loops
+        self._made_from: tuple[bytes, bytes] | None = None
         self.update(q)
 
     def update(self, q: Array) -> None:
@@ -161,11 +173,14 @@ class PinocchioConfiguration:
         pin.updateFramePlacements(self._model, self._data)
         stops = no_stops(self._model.nv) if self._reader is None else self._reader.read(q)
         stops = stops.on(dofs, self._held)
-        if self._stops is None or not np.array_equal(stops.rows, self._stops.rows):
-            self._stops = stops
-            self.transmission: Transmission = transmission(
-                self._rows[:, dofs], np.vstack((self._couplings, self._held))[:, dofs], stops.rows
-            )
+        coupled = np.vstack((self._couplings, self._held))
+        if self._loops is not None:
+            coupled = np.vstack((coupled, self._loops(self._data)))
+        coupled = coupled[:, dofs]
+        made_from = coupled.tobytes(), stops.rows.tobytes()
+        if made_from != self._made_from:
+            self._made_from = made_from
+            self.transmission: Transmission = transmission(self._rows[:, dofs], coupled, stops.rows)
             self.notes = tuple(stop_notes(stops, self.transmission))
 
     @property
