@@ -58,6 +58,30 @@ def test_an_equivalent_problem_has_the_same_answers(change, load):
             assert regrasp.can_leave(given, i).possible == leaves
 
 
+def test_the_ball_of_motors_that_share_is_that_of_one():
+    for problem in with_joints(4):
+        one, two = payload.ball(problem), payload.ball(two_motors(problem))
+        assert 0 < two.lower >= 0.99 * two.upper
+        assert two.lower <= one.upper * (1 + 1e-9)
+        assert one.lower <= two.upper * (1 + 1e-9)
+
+
+def test_the_ball_of_contacts_that_pull(rng):
+    """Every wrench in it is held, one just beyond is not, and less pull holds less."""
+    problem = cups(3.0)
+    found = payload.ball(problem)
+    assert 0 < found.lower >= 0.99 * found.upper
+    sizes = np.array([1, 1, 1, *[found.length] * 3])
+    for _ in range(300):
+        u = rng.normal(size=6)
+        w = found.lower * sizes * u / np.linalg.norm(u)
+        assert gf.solve(problem.replace(f=problem.f + w)).status is gf.Status.SOLVED
+    beyond = problem.f + 1.001 * found.upper * found.weakest
+    assert gf.solve(problem.replace(f=beyond)).status is gf.Status.INFEASIBLE
+    np.testing.assert_allclose(found.forces @ problem.W.T, found.wrenches, atol=1e-9)
+    assert payload.ball(cups(3.0, pull=4.0)).upper < found.lower
+
+
 def test_wishes_of_two_motors_are_met():
     met = 0
     for problem in with_joints(6):
@@ -140,8 +164,6 @@ def shared():
 @pytest.mark.parametrize(
     ("make", "call", "words"),
     [
-        (lambda: cups(3.0), payload.ball, "contacts that pull"),
-        (shared, payload.ball, "internal forces of motors"),
         (lambda: cups(3.0), lambda p: robust.tighten(p, point=1e-3), "contacts that pull"),
         (lambda: cups(3.0), lambda p: robust.tighten(p, normal=0.1), "contacts that pull"),
         (shared, lambda p: robust.tighten(p, point=1e-3), "internal forces of motors"),

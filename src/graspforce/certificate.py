@@ -85,13 +85,13 @@ def check_certificate(problem: ForceProblem, certificate: Certificate) -> bool:
     e, off = e[:m], off[:m]
     most = 2 * off[problem.starts[:-1]] - dual_margins(off, problem.cones)
     safe = dual_margins(e, problem.cones) >= most
-    gap = y @ f - z @ b - left[left > 0] @ _most_internal(problem)[left > 0]
+    gap = y @ f - z @ b - left[left > 0] @ most_internal(problem)[left > 0]
     rounding = unit * (np.abs(y) @ np.abs(f) + z @ np.abs(b))
     # Every comparison with NaN is False: NaN is no proof.
     return bool(safe[problem.active].all() and (z >= 0).all() and gap > rounding)
 
 
-def _most_internal(problem: ForceProblem) -> Array:
+def most_internal(problem: ForceProblem) -> Array:
     """Return the most that each internal force can be, by motors that feel it alone; or inf."""
     most = np.full(problem.layout.internals, np.inf)
     arms = np.concatenate((problem.J, problem.internal))

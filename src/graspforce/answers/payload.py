@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from graspforce import equations
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_array, as_positive, require_instance
 from graspforce.answers.edge import find_edge
-from graspforce.certificate import Certificate
+from graspforce.certificate import Certificate, most_internal
 from graspforce.errors import InvalidInputError, MissingExtraError
 from graspforce.grasp import Grasp
 from graspforce.problem import ForceProblem
@@ -149,43 +149,47 @@ def ball(problem: ForceProblem, length: float | None = None, rtol: float = 0.01)
         The bounds; both 0 where f itself cannot be held, or W does not reach all wrenches.
 
     Raises:
-        InvalidInputError: an argument of a wrong kind, another number of rows; contacts that pull
-            or internal forces of motors.
+        InvalidInputError: an argument of a wrong kind, another number of rows.
         MissingExtraError: SciPy is not installed.
     """
     require_instance(problem, "problem", ForceProblem)
-    if problem.layout.pulls or problem.layout.internals:
-        what = "contacts that pull" if problem.layout.pulls else "internal forces of motors"
-        raise InvalidInputError(f"problem: got {what}, expected none; payload.along takes them")
-    k = len(problem.f)
+    k, m = len(problem.f), problem.m
     share, scaling, lever = _share(rtol), *_scaling(problem.W, length)
     here = solve(problem)
     W = scaling[:, None] * problem.W
     rank = np.linalg.matrix_rank(W[:, problem.active_components], tol=1e-10)
     if here.status is not Status.SOLVED or rank < k:
-        return _nothing(k, problem.m, lever)
-    size = _size(problem)
-    inner = problem.replace(W=W, f=np.zeros(k), f_soft=1.0, alpha=_ALPHA)
-    A, b = inner.linear_limits()
+        return _nothing(k, m, lever)
+    ordinary, forces = here.without_pulls()  # whose forces are those of the contacts and the pull
+    size = _size(ordinary)
+    inner = ordinary.replace(W=W, f=np.zeros(k), f_soft=1.0, alpha=_ALPHA)
+    (A, b), most = inner.linear_limits(), most_internal(inner)
     count = 2 * problem.n + _ALPHA * len(b)  # nu·(wrench on the plane − wrench that is made)
-    start = here.c
+    start = forces[:m]
 
-    def support(u: Array, gap: float) -> _Support:
+    def support(u: Array, gap: float, above: Array) -> _Support:
         # Drawn to a point far out, c stops at the boundary of what is possible; the pull nu, a
-        # certificate's multipliers, tells the plane, and the gap between both is count/‖nu‖.
-        target = _FAR * size * u
+        # certificate's multipliers, tells the plane, and the gap between both is count/‖nu‖. The
+        # plane is across u as far as the point is straight above where c stops.
+        target = above + (_FAR * size - u @ above) * u
         soft = math.sqrt(_FAR * size * min(gap, 0.01 * size) / count)
         found = solve(inner.replace(f=target, f_soft=soft), start=start)
         if found.status is not Status.SOLVED:
             return _Support(W @ start, start, u, math.inf)
-        nu, z = found.nu, _ALPHA / (b - A @ found.c)
-        length = float(np.linalg.norm(nu))
-        margins = equations.dual_margins(A.T @ z - W.T @ nu, inner.cones)
-        if (margins[inner.active] < 0).any():  # rounding: no proof
+        nu, z = found.nu, _ALPHA / (b - A @ np.append(found.c, found.internal_forces))
+        length, e = float(np.linalg.norm(nu)), A.T @ z
+        margins = equations.dual_margins(e[:m] - W.T @ nu, inner.cones)
+        left = np.abs(e[m:])  # no cone bounds what motors do against each other; their limits do
+        offset = float(z @ b + left[left > 0] @ most[left > 0]) / length
+        if (margins[inner.active] < 0).any() or offset == math.inf:  # rounding: no proof
             return _Support(W @ found.c, found.c, u, math.inf)
-        return _Support(W @ found.c, found.c, nu / length, float(z @ b) / length)
+        return _Support(W @ found.c, found.c, nu / length, offset)
 
-    return _enclosed(support, scaling * problem.f, share, scaling, lever)
+    grown = _enclosed(support, scaling * ordinary.f, share, scaling, lever)
+    pulled = problem.preload[:m]
+    return replace(
+        grown, wrenches=grown.wrenches - problem.W @ pulled, forces=grown.forces - pulled
+    )
 
 
 # Weight of the limits in a search for supports, and how far out a support's target lies, in sizes
@@ -219,7 +223,7 @@ def _nothing(k: int, m: int, lever: float) -> Ball:
 
 
 def _enclosed(
-    support: Callable[[Array, float], _Support],
+    support: Callable[[Array, float, Array], _Support],
     centre: Array,
     rtol: float,
     scaling: Array,
@@ -231,7 +235,7 @@ def _enclosed(
     # Along the axes alone the points of a symmetric grasp may be flat.
     skew = np.random.default_rng(0).normal(size=(2 * k, k))
     axes = [*np.eye(k), *-np.eye(k), *(skew / np.linalg.norm(skew, axis=1, keepdims=True))]
-    found = [support(u, math.inf) for u in axes]
+    found = [support(u, math.inf, centre) for u in axes]
     upper, weakest, lower, idle = math.inf, np.zeros(k), 0.0, 0
 
     def lowest(some: list[_Support]) -> None:
@@ -242,7 +246,9 @@ def _enclosed(
                 upper, weakest = reach, each.normal
 
     lowest(found)
-    found = [support(u, _GAP * rtol * upper) for u in axes]
+    found = [
+        support(u, _GAP * rtol * upper, each.point) for u, each in zip(axes, found, strict=True)
+    ]
     lowest(found)
     try:
         hull: Any = ConvexHull(np.array([each.point for each in found]), incremental=True)
@@ -260,7 +266,8 @@ def _enclosed(
                 u = planes[i, :k]
                 if len(new) < _AT_ONCE and all(u @ v < 0.98 for v in tried):
                     tried.append(u)
-                    new.append(support(u, _GAP * rtol * upper))
+                    facet = np.asarray(hull.points)[hull.simplices[i]]
+                    new.append(support(u, _GAP * rtol * upper, facet.mean(axis=0)))
             lowest(new)
             idle = idle + 1 if before == (lower, upper) else 0
             found += new
@@ -329,7 +336,7 @@ def classic(grasp: Grasp, length: float | None = None, rtol: float = 0.01) -> Cl
         return Classic((0.0, 0.0), (0.0, 0.0), 0.0, smallest, lever)
 
     def radius(together: bool) -> tuple[float, float]:
-        def support(u: Array, _: float) -> _Support:
+        def support(u: Array, *_: object) -> _Support:
             c, gains = _best_pushes(W.T @ u, cones)
             kept = gains > 0
             if together:
