@@ -205,15 +205,12 @@ class BatchLanes {
       load_torques(l, p);
       torques_.loaded |= 1u << l;
     }
-    const int m = int(contact_of_.size()), joints = layout_.joints;
-    for (int i = 0; i < layout_.contacts(); ++i) {
-      Group& group = groups_[i];
-      const int dim = dims_[i], first = first_[i];
-      const double* from = p.W + first;
-      for (int r = 0; r < layout_.wrench_rows; ++r, from += m) take(dim, from, 1, group.W[r], l);
-      const std::vector<int>& own = joints_of_[i];
-      for (std::size_t r = 0; r < own.size(); ++r)
-        take(dim, p.J + first * joints + own[r], joints, group.rows[int(r)].a, l);
+    const int contacts = int(groups_.size());
+    for (int i = 0; i < contacts; ++i) {
+      if (dims_[i] == Q && layout_.wrench_rows == kWrench)
+        take_matrices<kWrench, Q>(l, i, kWrench, Q, p);
+      else
+        take_matrices<0, 0>(l, i, layout_.wrench_rows, dims_[i], p);
     }
     double largest = 0;
     for (int r = 0; r < layout_.wrench_rows; ++r) {
@@ -224,13 +221,25 @@ class BatchLanes {
     return true;
   }
 
-  // The numbers of one contact, so far apart, into a lane.
-  GRASPFORCE_INLINE static void take(int dim, const double* from, int apart, V* to, int l) {
-    if (dim == Q) {
+  // A contact's columns of W and rows of J into a lane. Where the template's numbers are the
+  // matrices' own and not 0, the compiler unrolls what is most of the work of a warm row.
+  template <int rows, int components>
+  GRASPFORCE_INLINE void take_matrices(int l, int i, int wrench_rows, int dim, const Problem& p) {
+    const int m = int(contact_of_.size()), joints = layout_.joints;
+    const int height = rows > 0 ? rows : wrench_rows, width = components > 0 ? components : dim;
+    Group& group = groups_[i];
+    const double* from = p.W + first_[i];
+    GRASPFORCE_UNROLL
+    for (int r = 0; r < height; ++r, from += m) {
       GRASPFORCE_UNROLL
-      for (int d = 0; d < Q; ++d) to[d][l] = from[d * apart];
-    } else {
-      for (int d = 0; d < dim; ++d) to[d][l] = from[d * apart];
+      for (int d = 0; d < width; ++d) group.W[r][d][l] = from[d];
+    }
+    from = p.J + first_[i] * joints;
+    LaneRow<Q, V>* row = group.rows.data();
+    for (int j : joints_of_[i]) {
+      GRASPFORCE_UNROLL
+      for (int d = 0; d < width; ++d) row->a[d][l] = from[j + d * joints];
+      ++row;
     }
   }
 
