@@ -119,8 +119,7 @@ class Adjoint {
     return {sum, upper};
   }
 
-  // ---- what L depends on by tau and the margins
-  // --------------------------------------------------
+  // ---- what L depends on by tau and the margins -------------------------------------------------
 
   void add_torques(const Problem& p, const double* c, const AnswerGradients& to, double* to_c) {
     const int joints = layout_.joints;
@@ -157,8 +156,7 @@ class Adjoint {
     add(out.gamma, i, -2 * mu * mu / (square * gamma) * by_square);
   }
 
-  // ---- what x and y say
-  // --------------------------------------------------------------------------
+  // ---- what x and y say -------------------------------------------------------------------------
 
   // Of x·Wᵀ nu + y·(f − W c). Phi has the gradient Wᵀ nu by c, whose own x is 0 and y is nu in the
   // exact rows; a soft row adds ½ (f_soft nu)² to Phi.
