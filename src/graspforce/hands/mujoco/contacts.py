@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
-from graspforce.contact import Contact, ContactModel, model_of
+from graspforce.contact import Contact, ContactModel, cross_matrices, model_of
 from graspforce.hands.mujoco.model import (
     adhesion_force,
     adhesions,
@@ -161,16 +161,6 @@ def contact_wrenches(points: Array, axes: Array, dims: Indices, origin: Array) -
 def _components(dims: Indices) -> NDArray[np.bool_]:
     """Return which of [normal, x, y, torsion] each contact has, shape (n, 4): the first ones."""
     return np.arange(4) < dims[:, None]
-
-
-def cross_matrices(arms: Array) -> Array:
-    """Return matrices K with ``K[i] @ v = arms[i] × v``, shape (n, 3, 3)."""
-    matrices = np.zeros((len(arms), 3, 3))
-    x, y, z = arms.T
-    matrices[:, 0, 1], matrices[:, 1, 0] = -z, z
-    matrices[:, 2, 0], matrices[:, 0, 2] = -y, y
-    matrices[:, 1, 2], matrices[:, 2, 1] = -x, x
-    return matrices
 
 
 def _friction(dim: Array, friction: Array) -> tuple[Indices, Array, Array]:
