@@ -284,7 +284,7 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 
 
 def cross_matrices(arms: Array) -> Array:
-    """Return matrices K with ``K[i] @ v = arms[i] × v``, shape (n, 3, 3)."""
+    """Return matrices K with ``K[i] @ v = arms[i] × v``, shape (n, 3, 3); of one arm, n is 1."""
     return (arms @ _CROSS.reshape(3, 9)).reshape(-1, 3, 3)
 
 

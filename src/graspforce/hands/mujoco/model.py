@@ -18,7 +18,7 @@ from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportE
 from graspforce.hands.configuration import as_names, stop_notes
 from graspforce.hands.imported import as_link
 from graspforce.hands.limits import DriveLimit, as_tau_max
-from graspforce.hands.loops import Coupling, rows_of
+from graspforce.hands.loops import Coupling, linkages, rows_of
 from graspforce.hands.stops import Stops, ends, no_stops
 from graspforce.hands.transmission import Transmission, transmission
 
@@ -268,37 +268,56 @@ def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
     return rows[[drive.output for drive in each]] / gears.reshape(-1, 1)
 
 
-def couplings(model: Any, data: Any) -> list[Coupling]:
-    """Return the active equality constraints between joints at data's configuration.
+class CouplingReader:
+    """Finds the active equality constraints between a model's joints.
 
     Those that hold a free body (the mount of a hand, an object) are left out.
     """
-    if not data.ne:
-        return []
-    mj = mujoco_module()
-    rows = np.zeros((data.nefc, model.nv))
-    if mj.mj_isSparse(model):
-        mj.mju_sparse2dense(
-            rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
-        )
-    else:
-        rows = np.array(data.efc_J, dtype=float).reshape(data.nefc, model.nv)
-    equal = data.efc_type == int(mj.mjtConstraint.mjCNSTR_EQUALITY)
-    rows, gaps, which = rows[equal], data.efc_pos[equal], data.efc_id[equal]
-    free, connect, weld = free_joint_dofs(model), mj.mjtEq.mjEQ_CONNECT, mj.mjtEq.mjEQ_WELD
-    found: list[Coupling] = []
-    for each in dict.fromkeys(which.tolist()):
-        own, gap = rows[which == each], np.array(gaps[which == each])
-        if int(model.eq_type[each]) not in (int(connect), int(weld)):
-            found.append(Coupling("ratio", own, gap, ()))
-            continue
-        first, second = _tied_bodies(model, each)
-        own[:, moved_by(model, first) & moved_by(model, second)] = 0.0
-        names = tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in (first, second))
-        found.append(Coupling("place", own[:3], gap[:3], names))
-        if len(own) > 3:
-            found.append(Coupling("turn", own[3:], gap[3:], names))
-    return [each for each in found if not each.rows[:, free].any()]
+
+    def __init__(self, model: Any) -> None:
+        """Look up what each equality ties, and which joints can change how."""
+        mj = mujoco_module()
+        loops = (int(mj.mjtEq.mjEQ_CONNECT), int(mj.mjtEq.mjEQ_WELD))
+        self._model, self._free = model, free_joint_dofs(model)
+        # Joints that move both links of a loop alike have no part in it.
+        self._part = np.ones((model.neq, model.nv))
+        self._tied: list[tuple[str, ...]] = [()] * model.neq
+        for each in np.flatnonzero(np.isin(model.eq_type, loops)).tolist():
+            pair = _tied_bodies(model, each)
+            self._part[each, moved_by(model, pair[0]) & moved_by(model, pair[1])] = 0.0
+            self._tied[each] = tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in pair)
+
+    def read(self, data: Any) -> list[Coupling]:
+        """Return the couplings at data's configuration."""
+        count = int(data.ne)  # equalities come first
+        if not count:
+            return []
+        which = data.efc_id[:count]
+        rows = np.zeros((count, self._model.nv))
+        mj = mujoco_module()
+        if mj.mj_isSparse(self._model):
+            mj.mju_sparse2dense(
+                rows, data.efc_J, data.efc_J_rownnz[:count], data.efc_J_rowadr[:count],
+                data.efc_J_colind,
+            )  # fmt: skip
+        else:
+            rows[:] = data.efc_J.reshape(-1, self._model.nv)[:count]
+        rows *= self._part[which]
+        holding = rows[:, self._free].any(axis=1).tolist()
+        gaps, numbers = np.array(data.efc_pos[:count]), which.tolist()
+        found: list[Coupling] = []
+        for each in dict.fromkeys(numbers):
+            first = numbers.index(each)
+            last = first + numbers.count(each)
+            parts = (("ratio", first, last),)
+            if tied := self._tied[each]:
+                parts = (("place", first, first + 3), ("turn", first + 3, last))
+            found += [
+                Coupling(kind, rows[i:j], gaps[i:j], tied)
+                for kind, i, j in parts
+                if j > i and not any(holding[i:j])
+            ]
+        return found
 
 
 def _tied_bodies(model: Any, equality: int) -> tuple[int, int]:
@@ -457,7 +476,9 @@ class MujocoConfiguration:
             notes: what a user should know of the posture.
         """
         self._model, self._data, self._dofs = model, data, dofs
-        coupled = np.vstack((rows_of(couplings(model, data), turning(model)), held))
+        turns = turning(model)
+        tied = linkages(CouplingReader(model).read(data), turns)
+        coupled = np.vstack((rows_of(tied, turns), held))
         leaned = stops.on(dofs, held)
         self.transmission: Transmission = transmission(
             drive_rows(model, data, drives)[:, dofs], coupled[:, dofs], leaned.rows

@@ -189,16 +189,13 @@ class MujocoMotors:
 
     def _of_drives(self, of_motors: Array) -> Array:
         """Return the sums over each drive's motors, shape (n,)."""
-        sums: Array = np.zeros(len(self.joint_names))
-        np.add.at(sums, self._drive_of, of_motors)
-        return sums
+        return np.bincount(self._drive_of, of_motors, len(self.joint_names))
 
     def _affine(self, data: Any) -> tuple[Array, Array]:
         """Return gain and bias of every motor as its joint is."""
         length = data.actuator_length[self._output]
         velocity = data.actuator_velocity[self._output]
-        by = np.column_stack((np.ones(len(length)), length, velocity))
-        gain, bias = (self._gain * by).sum(axis=1), (self._bias * by).sum(axis=1)
+        gain, bias = (a + b * length + c * velocity for a, b, c in (self._gain.T, self._bias.T))
         model, mj = self._model, self._mj
         for i in self._muscles.tolist():
             motor = int(self._motors[i])
