@@ -312,8 +312,8 @@ def patch_weights(
     numbers = {link: number for number, link in enumerate(links)}
     of_link = np.array([numbers[link] for link in links])
     together = (of_link[:, None] == of_link).astype(float)
-    near, far = np.cos(PATCH_ANGLES)
-    together *= np.clip((normals @ normals.T - far) / (near - far), 0.0, 1.0)
+    near, far = math.cos(PATCH_ANGLES[0]), math.cos(PATCH_ANGLES[1])
+    together *= ((normals @ normals.T - far) / (near - far)).clip(0.0, 1.0)
     counts = np.ones(len(normals)) if engagement is None else engagement
     return counts / (together @ counts)
 

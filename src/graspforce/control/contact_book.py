@@ -156,7 +156,8 @@ class ContactBook:
         change = step / self._ramp
         rising = self._missing <= self._patience
         if self._started:
-            self.engagement = np.clip(self.engagement + np.where(rising, change, -change), 0.0, 1.0)
+            changed = self.engagement + np.where(rising, change, -change)
+            self.engagement = changed.clip(0.0, 1.0)
         else:
             self.engagement, self._started = rising.astype(float), True
 
@@ -177,7 +178,7 @@ class ContactBook:
             if matched[i] < 0 and slot not in taken:
                 matched[i] = slot
                 taken.add(slot)
-        new = np.flatnonzero(matched < 0).tolist()
+        new = (matched < 0).nonzero()[0].tolist()
         if not new:
             self.without_slot = 0
             return matched

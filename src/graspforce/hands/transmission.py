@@ -75,8 +75,9 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
     driven = np.zeros(drives.shape[::-1])
     driven[:, carrying] = motions[:, :count]
     internal = np.zeros((len(others), len(drives)))
-    internal[:, carrying] = _rounded(-moved[others] @ inverse[:, :count])
-    internal[np.arange(len(others)), others] = 1.0
+    if others:
+        internal[:, carrying] = _rounded(-moved[others] @ inverse[:, :count])
+        internal[np.arange(len(others)), others] = 1.0
     beside: list[tuple[int, int, int]] = []
     for i in range(len(off)):
         shares = _rounded(off[i] @ inverse)

@@ -362,21 +362,22 @@ class HandLoop:
         gains, data = self._gains, self._data
         dofs, driven = self.reader.motion
         carrying = driven.any(axis=0)  # of motors that share a motion, those that count for it
-        moved = np.flatnonzero(carrying)
+        moved = carrying.nonzero()[0]
         among = moved[:, None], moved
         M, metric = (each[among] for each in self._inertia_of_motors(dofs, driven))
         off = self.motors.lengths(data) - self._lengths
         posture = -gains.posture_stiffness * off - gains.posture_damping * self.motors.rates(data)
         tau, posture = np.zeros(len(driven.T)), posture[carrying]
         moving = posture
-        engaged = np.flatnonzero(self.book.engagement > 0)
+        engaged = (self.book.engagement > 0).nonzero()[0]
         if len(engaged):
             wanted = self._along(acceleration, pose, engaged)
             J_here = J[np.repeat(self.book.engagement > 0, self._dims)][:, carrying]
             easily = np.linalg.solve(metric, J_here.T)
             # A contact that lets go counts less and less.
             share = np.repeat(self.book.engagement[engaged], self._dims[engaged])
-            compliance = J_here @ easily + np.diag(1 / (_MAX_INERTIA * share**2))
+            compliance = J_here @ easily
+            compliance.flat[:: len(share) + 1] += 1 / (_MAX_INERTIA * share**2)
             moving = posture + easily @ np.linalg.solve(compliance, wanted - J_here @ posture)
         tau[carrying] = M @ moving
         return tau
@@ -394,12 +395,14 @@ class HandLoop:
         model, data = self._model, self._data
         mj.mj_fullM(model, data, self._mass_matrix)
         M, step = self._mass_matrix[dofs[:, None], dofs], float(model.opt.timestep)
-        heavier, heavy = self._heavier(dofs), np.diag(M)
-        of_motors: Array = np.zeros((driven.shape[1], driven.shape[1]))
-        if int(model.opt.integrator) in self._implicit:
-            M = M + step * np.diag(model.dof_damping[dofs])
-            of_motors = np.diag(step * self.motors.damping(data) * driven.any(axis=0))
-        inertia = driven.T @ M @ driven + of_motors
+        heavier, heavy = self._heavier(dofs), M.diagonal().copy()
+        implicit = int(model.opt.integrator) in self._implicit
+        if implicit:
+            M.flat[:: len(dofs) + 1] += step * model.dof_damping[dofs]
+        inertia = driven.T @ M @ driven
+        if implicit:
+            carrying = driven.any(axis=0)
+            inertia.flat[:: len(carrying) + 1] += step * self.motors.damping(data) * carrying
         if not heavier.any():
             return inertia, inertia
         return inertia, inertia + (driven.T * (heavy * heavier)) @ driven
@@ -465,9 +468,9 @@ class HandLoop:
         if motions is not None:
             W, f, soft = motions.T @ W, motions.T @ f, np.abs(motions.T) @ soft
         passive = np.full(len(hand.passive_loads), _GIVING_WAY * self._soft[-1])
-        fields["W"] = np.vstack((W, hand.passive_rows))
-        fields["f"] = np.append(f, hand.passive_loads)
-        fields["f_soft"] = np.append(soft, passive)
+        fields["W"] = np.concatenate((W, hand.passive_rows))
+        fields["f"] = np.concatenate((f, hand.passive_loads))
+        fields["f_soft"] = np.concatenate((soft, passive))
         internal = hand.internal[(hand.internal[:, acting] != 0).any(axis=1)][:, acting]
         if len(internal):
             fields["internal"] = internal
