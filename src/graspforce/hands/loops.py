@@ -76,16 +76,20 @@ def linkages(couplings: Sequence[Coupling], turns: Mask) -> list[Linkage]:
         couplings: the couplings.
         turns: which degrees of freedom are turns, shape (n_dofs,); the others are slides.
     """
-    joints = [set(each.rows.nonzero()[1].tolist()) for each in couplings]
+    joints: list[set[int]] = [set(each.rows.nonzero()[1].tolist()) for each in couplings]
     left = [i for i in range(len(couplings)) if joints[i]]
     found: list[Linkage] = []
     while left:
         members = [left.pop(0)]
         tied = joints[members[0]]
-        while more := [i for i in left if joints[i] & tied]:
+        while True:
+            more = [i for i in left if joints[i] & tied]
+            if not more:
+                break
             members += more
             left = [i for i in left if i not in more]
-            tied = tied.union(*(joints[i] for i in more))
+            for i in more:
+                tied = tied | joints[i]
         group = [couplings[i] for i in members]
         places = [each.rows[:, turns] for each in group if each.kind == "place"]
         arms = [np.abs(rows).max(initial=0.0) for rows in places]

@@ -30,6 +30,7 @@ from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_positive
@@ -361,7 +362,9 @@ class HandLoop:
         """Return the torques that move the joints' own inertia, shape (n_joints,)."""
         gains, data = self._gains, self._data
         dofs, driven = self.reader.motion
-        carrying = driven.any(axis=0)  # of motors that share a motion, those that count for it
+        carrying: NDArray[np.bool_] = np.any(
+            driven, axis=0
+        )  # of motors that share a motion, those that count for it
         moved = carrying.nonzero()[0]
         among = moved[:, None], moved
         M, metric = (each[among] for each in self._inertia_of_motors(dofs, driven))
@@ -401,7 +404,7 @@ class HandLoop:
             M.flat[:: len(dofs) + 1] += step * model.dof_damping[dofs]
         inertia = driven.T @ M @ driven
         if implicit:
-            carrying = driven.any(axis=0)
+            carrying: NDArray[np.bool_] = np.any(driven, axis=0)
             inertia.flat[:: len(carrying) + 1] += step * self.motors.damping(data) * carrying
         if not heavier.any():
             return inertia, inertia

@@ -112,9 +112,8 @@ class ContactReader:
         missing: Indices = np.zeros(0, dtype=np.intp)
         if left_out.any():
             missing = np.where(geoms[:, 0] < 0, -1, bodies[:, 0])[left_out]
-            places, second, geoms, bodies = (
-                each[~left_out] for each in (places, second, geoms, bodies)
-            )
+            kept = ~left_out
+            places, second, geoms, bodies = places[kept], second[kept], geoms[kept], bodies[kept]
         pull = self._pulls(data)[places] if self._adhesions else np.zeros(len(places))
         side = np.where(second, 1.0, -1.0)
         # MuJoCo's normal points from the first geom to the second; x stays, and y follows.

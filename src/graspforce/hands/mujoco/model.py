@@ -8,7 +8,7 @@ robot is taken as held: its six free degrees of freedom are in nobody's Jacobian
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -303,15 +303,18 @@ class CouplingReader:
         else:
             rows[:] = data.efc_J.reshape(-1, self._model.nv)[:count]
         rows *= self._part[which]
-        holding = rows[:, self._free].any(axis=1).tolist()
-        gaps, numbers = np.array(data.efc_pos[:count]), which.tolist()
+        of_free: NDArray[np.bool_] = np.any(rows[:, self._free], axis=1)
+        holding: list[bool] = of_free.tolist()
+        gaps, numbers = np.array(data.efc_pos[:count]), list[int](which.tolist())
         found: list[Coupling] = []
         for each in dict.fromkeys(numbers):
-            first = numbers.index(each)
+            first, tied = numbers.index(each), self._tied[each]
             last = first + numbers.count(each)
-            parts = (("ratio", first, last),)
-            if tied := self._tied[each]:
-                parts = (("place", first, first + 3), ("turn", first + 3, last))
+            parts: list[tuple[Literal["place", "turn", "ratio"], int, int]] = (
+                [("place", first, first + 3), ("turn", first + 3, last)]
+                if tied
+                else [("ratio", first, last)]
+            )
             found += [
                 Coupling(kind, rows[i:j], gaps[i:j], tied)
                 for kind, i, j in parts

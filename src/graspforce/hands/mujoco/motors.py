@@ -10,7 +10,7 @@ it makes the torque, and as much as its ``ctrlrange`` reaches is its limit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -189,7 +189,8 @@ class MujocoMotors:
 
     def _of_drives(self, of_motors: Array) -> Array:
         """Return the sums over each drive's motors, shape (n,)."""
-        return np.bincount(self._drive_of, of_motors, len(self.joint_names))
+        sums = np.bincount(self._drive_of, of_motors, len(self.joint_names))
+        return cast("Array", sums)
 
     def _affine(self, data: Any) -> tuple[Array, Array]:
         """Return gain and bias of every motor as its joint is."""
