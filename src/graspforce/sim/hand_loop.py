@@ -474,7 +474,9 @@ class HandLoop:
         fields["W"] = np.concatenate((W, hand.passive_rows))
         fields["f"] = np.concatenate((f, hand.passive_loads))
         fields["f_soft"] = np.concatenate((soft, passive))
-        internal = hand.internal[(hand.internal[:, acting] != 0).any(axis=1)][:, acting]
+        internal = hand.internal[:, acting]
+        if len(internal):
+            internal = internal[internal.any(axis=1)]
         if len(internal):
             fields["internal"] = internal
         if len(hand.b):
