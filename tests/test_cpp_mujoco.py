@@ -226,15 +226,20 @@ def test_cpp_loop_allocates_nothing(closed_scene, tmp_path):
         assert "passed" in run(program, closed_scene(name)[1], "object")
 
 
-def test_cpp_book_is_pythons(tmp_path):
+@pytest.fixture(scope="module")
+def book_program(tmp_path_factory):
+    return compiled("cpp/tests/contact_book_stream.cpp", tmp_path_factory.mktemp("book") / "book")
+
+
+@pytest.mark.parametrize("spare", [0, 1, 2])
+def test_cpp_book_is_pythons(spare, book_program):
     """Contacts that move, flicker, swap places, come and go, on an object that turns."""
-    program = compiled("cpp/tests/contact_book_stream.cpp", tmp_path / "book")
     rng, counts, dt = np.random.default_rng(0), (2, 4, 1), 1e-3
-    book = ContactBook(dict(enumerate(counts)))
+    book = ContactBook(dict(enumerate(counts)), spare=spare)
     places = 0.03 * rng.standard_normal((9, 3))
     links = np.array([0, 0, 1, 1, 1, 1, 1, 2, 5])  # one more than link 1 has slots; one unknown
     normals = places / np.linalg.norm(places, axis=1)[:, None]
-    text, expected, turn = [f"3 {' '.join(map(str, counts))}"], [], np.zeros(3)
+    text, expected, turn = [f"3 {' '.join(map(str, counts))} {spare}"], [], np.zeros(3)
     for k in range(400):
         turn += 0.01 * rng.standard_normal(3)
         quat, R = np.zeros(4), np.zeros(9)
@@ -251,12 +256,17 @@ def test_cpp_book_is_pythons(tmp_path):
         touches = np.column_stack((links[seen], points, directions))
         numbers = [dt, *at, *R.ravel(), len(seen), *touches.ravel()]
         text.append(" ".join(f"{x:.17g}" for x in numbers))
-        of_slots = np.column_stack((
-            book.engagement, book.present, book.points, book.frames.transpose(0, 2, 1).reshape(7, 9)
-        ))  # fmt: skip
-        expected.append(np.concatenate((of_slots.ravel(), book.slots)))
-    assert {-1, 0, 6} <= {int(slot) for each in expected for slot in each[7 * 14 :]}
-    printed = run(program, input="\n".join(text)).splitlines()
+        taken = [-1 if link is None else link for link in book.links]
+        axes = book.frames.transpose(0, 2, 1).reshape(-1, 9)
+        of_slots = np.column_stack((taken, book.engagement, book.present, book.points, axes))
+        expected.append(np.concatenate((of_slots.ravel(), book.slots, [book.without_slot])))
+    ends = len(book.links) * 15
+    found = {int(slot) for each in expected for slot in each[ends:-1]}
+    assert {0, 6, 6 + spare} <= found
+    assert (-1 in found) == (spare < 2)
+    late = {each[place] for each in expected for place in range(7 * 15, ends, 15)}
+    assert late == (set(), {5}, {-1, 1, 5})[spare]
+    printed = run(book_program, input="\n".join(text)).splitlines()
     for line, numbers in zip(printed, expected, strict=True):
         assert_allclose(np.array(line.split(), dtype=float), numbers, rtol=0, atol=1e-12)
 

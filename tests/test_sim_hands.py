@@ -96,6 +96,28 @@ def test_hand_loop_stops_no_finger_at_an_end():
     assert_allclose(data.subtree_com[model.body("object").id], loop.target(0.8)[0], atol=1e-4)
 
 
+@pytest.mark.parametrize("name", ["shadow", "two_hands"])
+def test_hand_loop_knows_the_change_of_the_jacobian(name):
+    """Against MuJoCo's own, at points of all bodies: of arms, fingers and the floating object."""
+    model, rng = sim.hand_model(name), np.random.default_rng(3)
+    data = mujoco.MjData(model)
+    data.qpos[:] = sim.close(model, "object")
+    mujoco.mj_forward(model, data)
+    loop = sim.HandLoop(model, data, "object")
+    data.qvel[:] = rng.standard_normal(model.nv)
+    mujoco.mj_forward(model, data)
+    bodies = np.arange(model.nbody)
+    points = data.xpos + 0.05 * rng.standard_normal((model.nbody, 3))
+    linear, angular = loop._drift(points, bodies)
+    for body, point in enumerate(points):
+        change = np.zeros((6, model.nv))
+        mujoco.mj_jacDot(model, data, change[:3], change[3:], point, body)
+        expected = change @ data.qvel
+        assert_allclose(linear[body], expected[:3], atol=1e-10)
+        assert_allclose(angular[body], expected[3:], atol=1e-10)
+    assert np.abs(linear).max() > 0.1
+
+
 def test_sim_hands_change_their_forces_no_faster_than_they_may(moved):
     trial, log = moved
     assert np.abs(np.diff(log.c[1:], axis=0)).max() <= trial.gains.force_rate / trial.rate + 1e-9

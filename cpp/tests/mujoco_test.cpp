@@ -60,14 +60,19 @@ int main(int, char** arguments) {
   EXPECT(wider.book().size() == grasp.book().size() + options.face_slots);
   EXPECT(wider.book().engagement(grasp.book().size()) == 0);
   EXPECT(wider.joints().size() >= grasp.joints().size());
+  const auto refusal = [&]() -> std::string {
+    try {
+      const MujocoGrasp none(model, data, arguments[2], options);
+    } catch (const std::invalid_argument& refused) {
+      return refused.what();
+    }
+    return "";
+  };
+  options.book.spare = 1;  // whose joints would not be known
+  EXPECT(refusal().find("book.spare: got 1") == 0);
+  options.book.spare = 0;
   options.further_links = {"nothing of that name"};
-  bool refused = false;
-  try {
-    const MujocoGrasp none(model, data, arguments[2], options);
-  } catch (const std::invalid_argument& refusal) {
-    refused = std::string(refusal.what()).find("nothing of that name") != std::string::npos;
-  }
-  EXPECT(refused);
+  EXPECT(refusal().find("nothing of that name") != std::string::npos);
 
   // What makes no grasp is said, and the fields can still be written.
   data->subtree_com[3 * grasp.object()] = std::numeric_limits<double>::quiet_NaN();

@@ -278,6 +278,21 @@ def cross(a: Array, b: Array) -> Array:
     )
 
 
+_CROSS = np.zeros((3, 3, 3))
+for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    _CROSS[_i, _k, _j], _CROSS[_i, _j, _k] = 1.0, -1.0
+
+
+def cross_matrices(arms: Array) -> Array:
+    """Return matrices K with ``K[i] @ v = arms[i] × v``, shape (n, 3, 3); of one arm, n is 1."""
+    return (arms @ _CROSS.reshape(3, 9)).reshape(-1, 3, 3)
+
+
+def cross_rows(a: Array, b: Array) -> Array:
+    """Return a[i] × b[i] for n pairs of vectors, each (n, 3), shape (n, 3)."""
+    return (cross_matrices(a) @ b[..., None])[..., 0]
+
+
 def patch_weights(
     normals: Array, links: Sequence[object], engagement: Array | None = None
 ) -> Array:
@@ -297,8 +312,8 @@ def patch_weights(
     numbers = {link: number for number, link in enumerate(links)}
     of_link = np.array([numbers[link] for link in links])
     together = (of_link[:, None] == of_link).astype(float)
-    near, far = np.cos(PATCH_ANGLES)
-    together *= np.clip((normals @ normals.T - far) / (near - far), 0.0, 1.0)
+    near, far = math.cos(PATCH_ANGLES[0]), math.cos(PATCH_ANGLES[1])
+    together *= ((normals @ normals.T - far) / (near - far)).clip(0.0, 1.0)
     counts = np.ones(len(normals)) if engagement is None else engagement
     return counts / (together @ counts)
 

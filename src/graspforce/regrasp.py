@@ -21,6 +21,7 @@ from graspforce._util.arrays import (
     Array,
     as_array,
     as_integer,
+    as_number,
     as_positive,
     as_tuple,
     require_choice,
@@ -132,7 +133,7 @@ class Schedule:
 
     def __call__(self, t: float) -> Array:
         """Return the engagement of every contact at time t [s], shape (n,)."""
-        time = float(as_array(t, "t", ()))
+        time = as_number(t, "t")
         rise = smooth if self.shape == "smooth" else linear
         engagement = np.ones(self.contacts)
         for release in self.releases:

@@ -18,7 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._util.arrays import Array, as_array, as_positive
+from graspforce._util.arrays import Array, as_array, as_number, as_positive
 from graspforce.errors import InvalidInputError
 
 GRAVITY = 9.81  # [m/s²]
@@ -84,11 +84,11 @@ class Hold:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", _triple(self.position, "position"))
-        object.__setattr__(self, "yaw", _number(self.yaw, "yaw"))
+        object.__setattr__(self, "yaw", as_number(self.yaw, "yaw"))
 
     def at(self, t: float) -> State:
         """Return the state at time t [s]; always the same."""
-        _number(t, "t")
+        as_number(t, "t")
         return State(np.array(self.position), np.zeros(3), np.zeros(3), self.yaw, 0.0, 0.0)
 
 
@@ -117,14 +117,14 @@ class Circle:
         object.__setattr__(self, "centre", _triple(self.centre, "centre"))
         object.__setattr__(self, "radius", as_positive(self.radius, "radius", "m"))
         object.__setattr__(self, "period", as_positive(self.period, "period", "s"))
-        object.__setattr__(self, "yaw_amplitude", _number(self.yaw_amplitude, "yaw_amplitude"))
+        object.__setattr__(self, "yaw_amplitude", as_number(self.yaw_amplitude, "yaw_amplitude"))
         object.__setattr__(
             self, "yaw_frequency", as_positive(self.yaw_frequency, "yaw_frequency", "Hz")
         )
 
     def at(self, t: float) -> State:
         """Return the state at time t [s]."""
-        time = _number(t, "t")
+        time = as_number(t, "t")
         turn = 2 * math.pi / self.period
         cos, sin = math.cos(turn * time), math.sin(turn * time)
         arm = self.radius * np.array([cos, sin, 0.0])
@@ -166,7 +166,7 @@ class Move:
 
     def at(self, t: float) -> State:
         """Return the state at time t [s]."""
-        s = min(max((_number(t, "t") - self.begin) / self.duration, 0.0), 1.0)
+        s = min(max((as_number(t, "t") - self.begin) / self.duration, 0.0), 1.0)
         share = s**3 * (10 - 15 * s + 6 * s**2)
         rate = 30 * s**2 * (1 - s) ** 2 / self.duration
         curve = 60 * s * (1 - s) * (1 - 2 * s) / self.duration**2
@@ -199,7 +199,7 @@ class Sway:
 
     def at(self, t: float) -> State:
         """Return the state at time t [s]."""
-        time = max(_number(t, "t") - self.begin, 0.0)
+        time = max(as_number(t, "t") - self.begin, 0.0)
         w = 2 * math.pi / self.period * np.array([1.0, 2.0, 1.0, 1.0])
         far = np.append(self.way, self.yaw) / 2
         place = far * (1 - np.cos(w * time))
@@ -241,7 +241,7 @@ class Screw:
 
     def at(self, t: float) -> State:
         """Return the state at time t [s]."""
-        rise, fall = _number(t, "t") / self.ramp, (t - self.angle / self.rate) / self.ramp
+        rise, fall = as_number(t, "t") / self.ramp, (t - self.angle / self.rate) / self.ramp
         yaw, rate, acceleration = (
             self.rate * size * (_rise(rise, order) - _rise(fall, order))
             for order, size in enumerate((self.ramp, 1.0, 1 / self.ramp))
@@ -314,7 +314,7 @@ def wrench(
                 f"inertia: got a least principal moment of {least:g} kg·m², expected more than 0"
             )
         torque = tensor @ omega_dot + np.cross(omega, tensor @ omega)
-    force = m * (a + np.array([0.0, 0.0, _number(gravity, "gravity")]))
+    force = m * (a + np.array([0.0, 0.0, as_number(gravity, "gravity")]))
     return np.concatenate((force, torque))
 
 
@@ -324,15 +324,11 @@ def _check(
     """Put checked values in the place of a motion's arguments."""
     checked: dict[str, Any] = {
         **{name: as_array(getattr(motion, name), name, (3,)) for name in vectors},
-        **{name: _number(getattr(motion, name), name) for name in numbers},
+        **{name: as_number(getattr(motion, name), name) for name in numbers},
         **{name: as_positive(getattr(motion, name), name) for name in positive},
     }
     for name, value in checked.items():
         object.__setattr__(motion, name, value)
-
-
-def _number(value: float, name: str) -> float:
-    return float(as_array(value, name, ()))
 
 
 def _triple(value: ArrayLike, name: str) -> tuple[float, float, float]:

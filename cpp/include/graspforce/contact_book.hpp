@@ -5,8 +5,7 @@
 // numbers change little. The book has a fixed number of slots for each link of the hand. What
 // touches is matched to the slots by link and place on the object; a slot whose contact is missing
 // keeps its last place for a while, and the engagement of a slot (Section III-C.3 of the paper)
-// rises and falls by a ramp. The same as graspforce.control.ContactBook in Python, without
-// its spare slots.
+// rises and falls by a ramp. The same as graspforce.control.ContactBook in Python.
 #pragma once
 
 #include <algorithm>
@@ -62,33 +61,41 @@ class ContactBook {
   };
   // How long an engagement takes from 0 to 1 or back [s]: with ceilings c_max and forces that may
   // change by r newtons a second, c_max / r or more. How long a missing contact is believed to be
-  // there [s]. How far one may have moved on the object between updates and be the same [m].
+  // there [s]. How far one may have moved on the object between updates and be the same [m]. How
+  // many further slots there are behind the others for contacts that come late: of links without
+  // slots, or with more contacts than slots.
   struct Options {
     double ramp = 0.1, patience = 0.02, reach = 0.01;
+    int spare = 0;
   };
 
   // The slots stand in the order of the links; a link has all of its own in one of them. Throws
   // std::invalid_argument without slots, or for a count, time or length that is not above 0.
   explicit ContactBook(const std::vector<Slots>& links) : ContactBook(links, Options()) {}
-  ContactBook(const std::vector<Slots>& links, const Options& options)
-      : links_(links), options_(options) {
+  ContactBook(const std::vector<Slots>& links, const Options& options) : options_(options) {
     for (const Slots& each : links) {
       if (each.count < 1)
         throw std::invalid_argument("slots: got " + std::to_string(each.count) + " for link " +
                                     std::to_string(each.link) + ", expected 1 or more");
       for (int i = 0; i < each.count; ++i) slots_.emplace_back().link = each.link;
     }
+    own_ = size();
     if (slots_.empty()) throw std::invalid_argument("slots: got none, expected at least one link");
     for (double each : {options.ramp, options.patience, options.reach})
       if (!(each > 0 && each < std::numeric_limits<double>::infinity()))
         throw std::invalid_argument("ContactBook: got " + std::to_string(each) +
                                     ", expected a ramp, patience and reach above 0");
+    if (options.spare < 0)
+      throw std::invalid_argument("spare: got " + std::to_string(options.spare) +
+                                  ", expected 0 or more");
+    slots_.resize(slots_.size() + options.spare);
     of_touch_.reserve(most_touches());
     seen_.reserve(most_touches());
     taken_.reserve(slots_.size());
   }
 
   int size() const { return static_cast<int>(slots_.size()); }
+  // Of a spare slot that nothing has taken, −1.
   int link(int slot) const { return slots_[slot].link; }
   // Where the slot's contact is or last was, world axes [m].
   Vector3 point(int slot) const { return plus(pose_.position, pose_.to_world(slots_[slot].point)); }
@@ -104,14 +111,15 @@ class ContactBook {
   bool present(int slot) const { return slots_[slot].missing == 0; }
   // The slot of the last update's i-th contact; −1 without one.
   int slot_of(int touch) const { return of_touch_[touch]; }
-  // How many contacts of the last update found no slot of their link free.
+  // How many contacts of the last update found no slot free.
   int without_slot() const { return without_slot_; }
   // As many contacts as an update takes.
   int most_touches() const { return 64 + 4 * size(); }
 
-  // Takes what touches now; contacts of links without slots are passed over. The first update takes
-  // it as a grasp that holds: its slots are engaged at once. False, with nothing changed, for too
-  // many contacts, numbers that are not finite, a normal not of unit length, or a dt not above 0.
+  // Takes what touches now; contacts of links without slots are passed over, as long as there is no
+  // spare one. The first update takes it as a grasp that holds: its slots are engaged at once.
+  // False, with nothing changed, for too many contacts, numbers that are not finite, a normal not
+  // of unit length, or a dt not above 0.
   bool update(Span<const Touch> touches, double dt, const ObjectPose& pose) {
     if (touches.size() > most_touches() || !(dt > 0) || !finite(dt)) return false;
     for (const Vector3* each :
@@ -175,37 +183,32 @@ class ContactBook {
 
   static bool finite(double x) { return std::abs(x) < std::numeric_limits<double>::infinity(); }
 
-  // Finds each contact's slot: nearest pairs of each link first, then free slots.
+  // Finds each contact's slot: nearest pairs first, then free slots.
   void match() {
     of_touch_.assign(seen_.size(), -1);
     taken_.assign(slots_.size(), false);
-    without_slot_ = 0;
-    int first = 0;
-    for (const Slots& each : links_) {
-      const int end = first + each.count;
-      while (match_nearest(each.link, first, end)) {}
-      // The others are new. A slot that still lets go is not taken over: its force would jump.
-      int free = first;
-      for (std::size_t i = 0; i < seen_.size(); ++i) {
-        if (seen_[i].link != each.link || of_touch_[i] >= 0) continue;
-        while (free < end && used(slots_[free])) ++free;
-        if (free < end)
-          of_touch_[i] = free++;
-        else
-          ++without_slot_;
+    while (match_nearest()) {}
+    // The others are new. A slot that still lets go is not taken over: its force would jump.
+    for (std::size_t i = 0; i < seen_.size(); ++i) {
+      for (int j = 0; j < size() && of_touch_[i] < 0; ++j) {
+        if (taken_[j] || used(slots_[j])) continue;
+        if (j >= own_ || slots_[j].link == seen_[i].link) take(static_cast<int>(i), j);
       }
-      first = end;
     }
+    without_slot_ = 0;
+    for (std::size_t i = 0; i < seen_.size(); ++i)
+      if (of_touch_[i] < 0 && (own_ < size() || has_slots(seen_[i].link))) ++without_slot_;
   }
 
-  // Matches the nearest pair of a link that is left; false when there is none within reach.
-  bool match_nearest(int link, int first, int end) {
+  // Matches the nearest pair of a contact and a slot of its link that is left; false when there is
+  // none within reach.
+  bool match_nearest() {
     double least = options_.reach;
     int touch = -1, slot = -1;
     for (std::size_t i = 0; i < seen_.size(); ++i) {
-      if (seen_[i].link != link || of_touch_[i] >= 0) continue;
-      for (int j = first; j < end; ++j) {
-        if (taken_[j] || !used(slots_[j])) continue;
+      if (of_touch_[i] >= 0) continue;
+      for (int j = 0; j < size(); ++j) {
+        if (slots_[j].link != seen_[i].link || taken_[j] || !used(slots_[j])) continue;
         const double away = length(minus(seen_[i].point, slots_[j].point));
         if (away < least || (touch < 0 && away <= least)) {
           least = away;
@@ -215,17 +218,26 @@ class ContactBook {
       }
     }
     if (touch < 0) return false;
+    take(touch, slot);
+    return true;
+  }
+
+  void take(int touch, int slot) {
     of_touch_[touch] = slot;
     taken_[slot] = true;
-    return true;
+    slots_[slot].link = seen_[touch].link;
+  }
+  bool has_slots(int link) const {
+    return std::any_of(slots_.begin(), slots_.end(),
+                       [&](const Slot& each) { return each.link == link; });
   }
 
   bool used(const Slot& slot) const {
     return slot.engagement > 0 || slot.missing <= options_.patience;
   }
 
-  std::vector<Slots> links_;
   std::vector<Slot> slots_;
+  int own_ = 0;  // the spare ones stand behind
   Options options_;
   ObjectPose pose_;
   std::vector<Touch> seen_;  // in the object's frame

@@ -7,6 +7,7 @@
 // the layout stays.
 #pragma once
 
+#include <stdexcept>
 #include <string>
 #include <utility>
 
@@ -102,6 +103,10 @@ class RobotGrasp {
         acting_(models_.size() * dofs),
         loads_(dofs),
         basis_(dofs) {
+    if (book_.size() != static_cast<int>(models_.size()))
+      throw std::invalid_argument(
+          "book.spare: got " + std::to_string(book_.size() - static_cast<int>(models_.size())) +
+          ", expected 0: which joints move a spare slot's contact is not known beforehand");
     int m = 0;
     for (Model model : models_) m += static_cast<int>(model);
     full_.resize(std::size_t(m) * dofs);

@@ -6,6 +6,7 @@ was expected. Arrays come back as new, read-only, C-contiguous float64.
 
 from __future__ import annotations
 
+import math
 import operator
 import reprlib
 import sys
@@ -115,21 +116,16 @@ def as_array(
     Raises:
         InvalidInputError: not numeric, masked, of a wrong shape, NaN or infinite.
     """
-    expected = "any shape" if shape is None else _written(shape)
-    expected += " or a scalar" if broadcast else ""
-    raw = _as_numbers(value, name, expected)
+    # What was expected is put into words only where that did not come: loops pass here.
+    raw = _as_numbers(value, name, shape, _OR_SCALAR if broadcast else "")
     if shape is not None:
         if broadcast and raw.ndim == 0:
             raw = np.broadcast_to(raw, tuple(int(n) for n in shape))
-        fits = raw.ndim == len(shape) and all(
-            got == want if isinstance(want, int) else got >= 1
-            for got, want in zip(raw.shape, shape, strict=True)
-        )
-        if not fits:
+        if raw.shape != shape and not _fits(raw.shape, shape):
+            expected = _written(shape, _OR_SCALAR if broadcast else "")
             raise InvalidInputError(f"{name}: got shape {raw.shape}, expected {expected}")
     array = np.array(raw, dtype=np.float64, order="C")
-    good = np.isfinite(array)
-    if finite and not good.all():
+    if finite and not (good := np.isfinite(array)).all():
         index = tuple(int(i) for i in np.argwhere(~good)[0])
         where = f"[{', '.join(map(str, index))}]" if index else ""
         raise InvalidInputError(
@@ -155,47 +151,61 @@ def as_rows(
     Raises:
         InvalidInputError: not numeric, masked, of a wrong shape.
     """
-    expected = f"{_written(shape)}, or with a leading axis"
-    raw = _as_numbers(value, name, expected)
+    raw = _as_numbers(value, name, shape, _OR_ROWS)
     if broadcast and (raw.ndim == 0 or raw.shape[1:] == (1,) != shape):
         sizes = tuple(int(n) for n in shape)
         raw = np.broadcast_to(raw, sizes if raw.ndim == 0 else (len(raw), *sizes))
     own = raw.shape[max(0, raw.ndim - len(shape)) :]
-    fits = raw.ndim - len(shape) in (0, 1) and all(
-        got == want if isinstance(want, int) else got >= 1
-        for got, want in zip(own, shape, strict=True)
-    )
-    if not fits:
-        raise InvalidInputError(f"{name}: got shape {raw.shape}, expected {expected}")
+    if raw.ndim - len(shape) not in (0, 1) or not _fits(own, shape):
+        raise InvalidInputError(
+            f"{name}: got shape {raw.shape}, expected {_written(shape, _OR_ROWS)}"
+        )
     return raw
 
 
-def _as_numbers(value: Any, name: str, expected: str) -> NDArray[Any]:
+def _as_numbers(
+    value: Any, name: str, shape: tuple[int | str, ...] | None, more: str
+) -> NDArray[Any]:
     """Return ``value`` as an array of real numbers of any shape, without a copy where it is one.
 
     Raises:
-        InvalidInputError: not numeric, or masked.
+        InvalidInputError: not numeric, or masked; the text has the expected shape, and ``more``.
     """
     if type(value) is not np.ndarray and _is_masked(value):
         raise InvalidInputError(
-            f"{name}: got a masked array, expected real numbers of {expected}; fill it first"
+            f"{name}: got a masked array, expected real numbers of {_written(shape, more)}; fill "
+            "it first"
         )
     try:
         raw = np.asarray(value)
     except Exception as error:  # whatever the caller's __array__ may raise
         raise InvalidInputError(
             f"{name}: not a regular array of numbers ({str(error).partition(chr(10))[0]}); "
-            f"expected {expected}"
+            f"expected {_written(shape, more)}"
         ) from None
     if raw.dtype.kind not in "fiu":
         single = raw.dtype.kind == "O" and raw.ndim == 0
         got = came(value) if single else f"type {raw.dtype.name}"
-        raise InvalidInputError(f"{name}: got {got}, expected real numbers of {expected}")
+        raise InvalidInputError(
+            f"{name}: got {got}, expected real numbers of {_written(shape, more)}"
+        )
     return raw
 
 
-def _written(shape: tuple[int | str, ...]) -> str:
-    return "shape (" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
+_OR_SCALAR, _OR_ROWS = " or a scalar", ", or with a leading axis"
+
+
+def _fits(got: tuple[int, ...], wanted: tuple[int | str, ...]) -> bool:
+    return len(got) == len(wanted) and all(
+        size == want if isinstance(want, int) else size >= 1
+        for size, want in zip(got, wanted, strict=True)
+    )
+
+
+def _written(shape: tuple[int | str, ...] | None, more: str) -> str:
+    if shape is None:
+        return f"any shape{more}"
+    return "shape (" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")" + more
 
 
 def _is_masked(value: object) -> bool:
@@ -208,13 +218,24 @@ def _is_masked(value: object) -> bool:
     return any(isinstance(row, masked) for row in rows)
 
 
+def as_number(value: float, name: str) -> float:
+    """Return ``value`` as a float, which must be finite.
+
+    Raises:
+        InvalidInputError: not a real number, or not finite.
+    """
+    if type(value) is float and math.isfinite(value):
+        return value
+    return float(as_array(value, name, ()))
+
+
 def as_positive(value: float, name: str, unit: str = "") -> float:
     """Return ``value`` as a float, which must be positive and finite.
 
     Raises:
         InvalidInputError: not a real number, not finite, or not above zero.
     """
-    number = float(as_array(value, name, ()))
+    number = as_number(value, name)
     if number <= 0:
         raise InvalidInputError(f"{name}: got {number}{unit and f' {unit}'}, expected more than 0")
     return number
@@ -226,7 +247,7 @@ def as_not_negative(value: float, name: str, unit: str = "") -> float:
     Raises:
         InvalidInputError: not a real number, not finite, or below zero.
     """
-    number = float(as_array(value, name, ()))
+    number = as_number(value, name)
     if number < 0:
         raise InvalidInputError(f"{name}: got {number}{unit and f' {unit}'}, expected 0 or more")
     return number

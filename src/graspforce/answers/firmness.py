@@ -21,7 +21,7 @@ import numpy as np
 from graspforce import equations
 from graspforce._engine.outcome import Status
 from graspforce._engine.settings import Settings
-from graspforce._util.arrays import Array, as_array, require_instance
+from graspforce._util.arrays import Array, as_number, require_instance
 from graspforce.answers.edge import Edge, Family, find_edge, lower_bound
 from graspforce.answers.wishes import (
     Wishes,
@@ -112,7 +112,7 @@ def least(problem: ForceProblem, *, rtol: float = 1e-6) -> Edge:
         InvalidInputError: no problem, or an rtol out of range.
     """
     require_instance(problem, "problem", ForceProblem)
-    share = float(as_array(rtol, "rtol", ()))
+    share = as_number(rtol, "rtol")
     if not 0 < share < 1:
         raise InvalidInputError(f"rtol: got {share:g}, expected more than 0 and less than 1")
     size = float(np.abs(problem.f).max()) or 1.0
@@ -193,7 +193,7 @@ def _checked(
     wishes.check(problem)
     if times_least is None:
         return wishes, None
-    times = float(as_array(times_least, "times_least", ()))
+    times = as_number(times_least, "times_least")
     if times <= 1:
         raise InvalidInputError(
             f"times_least: got {times:g}, expected more than 1, which is the least possible force"

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from graspforce import equations
 from graspforce._engine.outcome import Status
-from graspforce._util.arrays import Array, as_array, as_positive, require_instance
+from graspforce._util.arrays import Array, as_array, as_number, as_positive, require_instance
 from graspforce.answers.edge import find_edge
 from graspforce.certificate import Certificate, most_internal
 from graspforce.errors import InvalidInputError, MissingExtraError
@@ -88,7 +88,7 @@ def along(problem: ForceProblem, direction: ArrayLike, rtol: float = 1e-4) -> Pa
 
 
 def _share(rtol: float) -> float:
-    share = float(as_array(rtol, "rtol", ()))
+    share = as_number(rtol, "rtol")
     if not 0 < share < 1:
         raise InvalidInputError(f"rtol: got {share:g}, expected more than 0 and less than 1")
     return share

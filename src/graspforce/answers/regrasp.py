@@ -16,7 +16,15 @@ from numpy.typing import ArrayLike
 
 from graspforce import equations
 from graspforce._engine.outcome import Status
-from graspforce._util.arrays import Array, as_array, as_tuple, came, index_of, require_instance
+from graspforce._util.arrays import (
+    Array,
+    as_array,
+    as_number,
+    as_tuple,
+    came,
+    index_of,
+    require_instance,
+)
 from graspforce.answers import payload
 from graspforce.answers.diagnosis import default_names
 from graspforce.answers.edge import Edge, find_edge
@@ -80,7 +88,7 @@ class Ramp:
 
     def at(self, t: float) -> Array:
         """Return the contact forces at time t [s]: inside every limit, and W c = f throughout."""
-        share = min(max(float(as_array(t, "t", ())) / self.duration, 0.0), 1.0)
+        share = min(max(as_number(t, "t") / self.duration, 0.0), 1.0)
         return self.start + share * (self.end - self.start)
 
 

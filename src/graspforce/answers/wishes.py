@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from graspforce._util.arrays import Array, as_array, as_positive
+from graspforce._util.arrays import Array, as_number, as_positive
 from graspforce.contact import ContactModel, model_of
 from graspforce.equations import friction_margins
 from graspforce.errors import InvalidInputError
@@ -45,7 +45,7 @@ class Wishes:
         for name in ("slip_reserve", "torque_reserve"):
             given = getattr(self, name)
             if given is not None:
-                share = float(as_array(given, name, ()))
+                share = as_number(given, name)
                 if not 0 <= share < 1:
                     raise InvalidInputError(f"{name}: got {share:g}, expected 0 or more, below 1")
                 object.__setattr__(self, name, share)

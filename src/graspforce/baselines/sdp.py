@@ -27,7 +27,7 @@ import numpy as np
 
 from graspforce import equations
 from graspforce._engine.outcome import Status
-from graspforce._util.arrays import Array, as_array
+from graspforce._util.arrays import Array, as_number
 from graspforce.baselines._active import Active, as_steps, run, solution_from_gradient
 from graspforce.baselines._conic import Pattern, diagonal
 from graspforce.baselines._lmi import Lmi, dikin_direction, half_square_decrement, line_search
@@ -70,7 +70,7 @@ def solve(
         InvalidInputError: an option out of range.
         MissingExtraError: Clarabel or SciPy is not installed.
     """
-    weight = float(as_array(barrier, "barrier", ()))
+    weight = as_number(barrier, "barrier")
     if weight < 0:
         raise InvalidInputError(f"barrier: got {weight:g}, expected 0 or more")
     if objective not in ("normals", "norm"):

@@ -22,7 +22,7 @@ from graspforce._util.arrays import (
     require,
     require_instance,
 )
-from graspforce.contact import UNIT_TOLERANCE, Contact, ContactModel, any_tangent, cross
+from graspforce.contact import UNIT_TOLERANCE, Contact, ContactModel, any_tangent, cross_rows
 from graspforce.errors import InvalidInputError
 
 _WORLD = np.eye(3)
@@ -86,8 +86,8 @@ class ContactBook:
         # In the object's frame. A slot that never had a contact has a frame all the same.
         self._points, self._frames = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
         self._missing = np.full(n, np.inf)  # for how long [s]
-        self._position, self._rotation = np.zeros(3), _WORLD
         self._started = False
+        self.points, self.frames = self._points.copy(), self._frames.copy()
         self.engagement = np.zeros(n)
         self.slots = np.zeros(0, dtype=np.intp)
         self.without_slot = 0
@@ -101,16 +101,6 @@ class ContactBook:
     def present(self) -> NDArray[np.bool_]:
         """Whether something touched at the last update, shape (n,)."""
         return self._missing == 0
-
-    @property
-    def points(self) -> Array:
-        """Where the contact is or last was, world axes, shape (n, 3) [m]."""
-        return self._position + self._points @ self._rotation.T
-
-    @property
-    def frames(self) -> Array:
-        """Columns normal, x, y, world axes, shape (n, 3, 3)."""
-        return self._rotation @ self._frames
 
     def contacts(self, model: ContactModel) -> tuple[Contact, ...]:
         """Return the slots as contacts, n of them, in the world's axes."""
@@ -153,7 +143,6 @@ class ContactBook:
         where = as_array(position, "position", (3,))
         R = as_array(rotation, "rotation", (3, 3))
         seen, directions = (seen - where) @ R, directions @ R
-        self._position, self._rotation = where, R
 
         matched = self.slots = self._match(seen, links)
         found = matched >= 0
@@ -161,57 +150,64 @@ class ContactBook:
         self._missing += step
         self._missing[slots] = 0.0
         self._points[slots] = seen[found]
-        for slot, normal in zip(slots.tolist(), directions[found], strict=True):
-            self._turn(slot, normal)
+        self._turn(slots, directions[found])
+        self.points = where + self._points @ R.T
+        self.frames = R @ self._frames
         change = step / self._ramp
         rising = self._missing <= self._patience
         if self._started:
-            self.engagement = np.clip(self.engagement + np.where(rising, change, -change), 0.0, 1.0)
+            changed = self.engagement + np.where(rising, change, -change)
+            self.engagement = changed.clip(0.0, 1.0)
         else:
             self.engagement, self._started = rising.astype(float), True
 
     def _match(self, seen: Array, links: Sequence[Hashable]) -> NDArray[np.intp]:
         """Return each contact's slot, −1 without one: nearest pairs first, then free slots."""
-        matched = np.full(len(seen), -1)
-        by_link: dict[Hashable, list[int]] = {}
-        for i, link in enumerate(links):
-            by_link.setdefault(link, []).append(i)
+        matched: NDArray[np.intp] = np.full(len(seen), -1)
         used = (self.engagement > 0) | (self._missing <= self._patience)
-        of_link: dict[Hashable, list[int]] = {}
-        for slot in np.flatnonzero(used).tolist():
-            of_link.setdefault(self._links[slot], []).append(slot)
-        for link, contacts in by_link.items():
-            slots = of_link.get(link, [])
-            away = np.linalg.norm(seen[contacts, None] - self._points[slots], axis=2)
-            taken: set[int] = set()
-            for pair in np.argsort(away, axis=None, kind="stable").tolist():
-                i, j = divmod(pair, len(slots))
-                if away[i, j] > self._reach:
-                    break
-                if matched[contacts[i]] < 0 and j not in taken:
-                    matched[contacts[i]] = slots[j]
-                    taken.add(j)
+        numbers = {link: number for number, link in enumerate(self._links)}
+        of_slot = np.array([numbers[link] for link in self._links])
+        of_contact = np.array([numbers.get(link, -1) for link in links], dtype=np.intp)
+        off = seen[:, None] - self._points
+        away = np.sqrt((off * off).sum(axis=2))
+        near = (away <= self._reach) & used & (of_contact[:, None] == of_slot)
+        contacts, slots = np.nonzero(near)
+        taken: set[int] = set()
+        for pair in np.argsort(away[near], kind="stable").tolist():
+            i, slot = int(contacts[pair]), int(slots[pair])
+            if matched[i] < 0 and slot not in taken:
+                matched[i] = slot
+                taken.add(slot)
+        new = (matched < 0).nonzero()[0].tolist()
+        if not new:
+            self.without_slot = 0
+            return matched
         # The others are new. A slot that still lets go is not taken over: its force would jump.
         free = np.flatnonzero(~used).tolist()
-        for i in np.flatnonzero(matched < 0).tolist():
+        for i in new:
             usable = (j for j in free if j >= self._own or self._links[j] == links[i])
             slot = next(usable, None)
             if slot is not None:
                 free.remove(slot)
                 matched[i], self._links[slot] = slot, links[i]
-        left = [links[i] for i in np.flatnonzero(matched < 0).tolist()]
+        left = [links[i] for i in new if matched[i] < 0]
         self.without_slot = sum(bool(self._spare) or link in self._links for link in left)
         return matched
 
-    def _turn(self, slot: int, normal: Array) -> None:
-        """Give a slot a normal; its x turns no more than that, unless the contact is new."""
-        new = self.engagement[slot] == 0
-        x = _across(any_tangent(normal) if new else self._frames[slot, :, 1], normal)
-        if x @ x < 0.01:  # the normal has come to lie along it
-            x = _across(any_tangent(normal), normal)
-        x /= np.linalg.norm(x)
-        self._frames[slot] = np.column_stack((normal, x, cross(normal, x)))
+    def _turn(self, slots: NDArray[np.intp], normals: Array) -> None:
+        """Give slots normals; their x turn no more than that, unless the contacts are new."""
+        x = self._frames[slots, :, 1]
+        new = self.engagement[slots] == 0
+        if new.any():
+            x[new] = any_tangent(normals[new])
+        x = _across(x, normals)
+        along = (x * x).sum(axis=1) < 0.01  # where the normal has come to lie along it
+        if along.any():
+            x[along] = _across(any_tangent(normals[along]), normals[along])
+        x /= np.sqrt((x * x).sum(axis=1))[:, None]
+        axes = np.concatenate((normals, x, cross_rows(normals, x)), axis=1)
+        self._frames[slots] = axes.reshape(-1, 3, 3).transpose(0, 2, 1)
 
 
-def _across(vector: Array, normal: Array) -> Array:
-    return vector - (vector @ normal) * normal
+def _across(vectors: Array, normals: Array) -> Array:
+    return vectors - (vectors * normals).sum(axis=1)[:, None] * normals

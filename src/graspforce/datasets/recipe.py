@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from graspforce._util.arrays import Array, as_array, require_choice
+from graspforce._util.arrays import Array, as_array, as_number, require_choice
 from graspforce.answers.wishes import Wishes
 from graspforce.contact import FPC, PCWF, SFC
 from graspforce.datasets.schema import NUMBERS, require_column
@@ -67,7 +67,7 @@ class Recipe:
             require_choice(self.gravity, "gravity", SPHERES)
         _ = self.wishes
         if self.times_least is not None:
-            times = float(as_array(self.times_least, "times_least", ()))
+            times = as_number(self.times_least, "times_least")
             if times <= 1:
                 raise InvalidInputError(
                     f"times_least: got {times:g}, expected more than 1, the least possible force"

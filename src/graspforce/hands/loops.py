@@ -15,6 +15,7 @@ links alike, above their common ancestor, have no part in it whatever the gap.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -60,37 +61,72 @@ class Gap(NamedTuple):
     between: tuple[str, ...]
 
 
-def rows_of(couplings: Sequence[Coupling], turns: Mask) -> Array:
-    """Return the gradients of couplings, shape (p, n_dofs), without what is play.
+class Linkage(NamedTuple):
+    """Couplings that share joints."""
+
+    couplings: list[Coupling]
+    size: float
+    """The longest arm of a turning joint at a place that closes a loop [m]; 1 without one."""
+
+
+def linkages(couplings: Sequence[Coupling], turns: Mask) -> list[Linkage]:
+    """Return the couplings by linkage.
 
     Args:
         couplings: the couplings.
         turns: which degrees of freedom are turns, shape (n_dofs,); the others are slides.
     """
+    joints: list[set[int]] = [set(each.rows.nonzero()[1].tolist()) for each in couplings]
+    left = [i for i in range(len(couplings)) if joints[i]]
+    found: list[Linkage] = []
+    while left:
+        members = [left.pop(0)]
+        tied = joints[members[0]]
+        while True:
+            more = [i for i in left if joints[i] & tied]
+            if not more:
+                break
+            members += more
+            left = [i for i in left if i not in more]
+            for i in more:
+                tied = tied | joints[i]
+        group = [couplings[i] for i in members]
+        places = [each.rows[:, turns] for each in group if each.kind == "place"]
+        arms = [np.abs(rows).max(initial=0.0) for rows in places]
+        found.append(Linkage(group, float(max(arms, default=0.0)) or 1.0))
+    return found
+
+
+def rows_of(found: Sequence[Linkage], turns: Mask) -> Array:
+    """Return the gradients of couplings, shape (p, n_dofs), without what is play.
+
+    Args:
+        found: the linkages.
+        turns: which degrees of freedom are turns, shape (n_dofs,); the others are slides.
+    """
     rows = [np.zeros((0, len(turns)))]
-    for group in _linkages(couplings):
-        if all(each.kind == "ratio" for each in group):
-            rows += [each.rows for each in group]
+    for linkage in found:
+        if all(each.kind == "ratio" for each in linkage.couplings):
+            rows += [each.rows for each in linkage.couplings]
             continue
-        scale = _lengths(group, turns)
-        even = np.vstack([_even(each, scale)[0] for each in group])
+        scale = _lengths(linkage, turns)
+        even = _even(linkage, scale)[0]
         own = even.any(axis=0)  # rounding would tie other joints to the loop
         _, sizes, right = np.linalg.svd(even[:, own], full_matrices=False)
         kept = np.zeros((int((sizes > PLAY * sizes[0]).sum()), len(turns)))
         kept[:, own] = right[: len(kept)] * scale[own]
         rows.append(kept / np.linalg.norm(kept, axis=1, keepdims=True))
-    return np.vstack(rows)
+    return np.concatenate(rows)
 
 
-def largest_gap(couplings: Sequence[Coupling], turns: Mask) -> Gap:
+def largest_gap(found: Sequence[Linkage]) -> Gap:
     """Return the loop that is open most relative to its size; a gap of 0 where there is none."""
     gaps = [Gap(0.0, 0.0, ())]
-    for group in _linkages(couplings):
-        size = _size(group, turns)
-        for each in group:
+    for linkage in found:
+        for each in linkage.couplings:
             if each.kind == "place":
-                metres = float(np.linalg.norm(each.gap))
-                gaps.append(Gap(metres, metres / size, each.between))
+                metres = math.hypot(*each.gap.tolist())
+                gaps.append(Gap(metres, metres / linkage.size, each.between))
     return max(gaps, key=lambda gap: gap.share)
 
 
@@ -134,11 +170,11 @@ def closed(
     Raises:
         InvalidInputError: a loop stays open.
     """
-    couplings = read(q)
-    gap = left = largest_gap(couplings, turns)
+    found = linkages(read(q), turns)
+    gap = left = largest_gap(found)
     if gap.share < 1e-12:
         return q, []
-    linked: Mask = rows_of(couplings, turns).any(axis=0) & ~locked
+    linked: Mask = rows_of(found, turns).any(axis=0) & ~locked
     posture = q
     for moved in (linked & ~driven, linked):
         if (q == start)[moved].all():
@@ -148,7 +184,7 @@ def closed(
                 posture = _nearest_closed(toward, read, moved, turns)
         else:
             posture = _nearest_closed(q, read, moved, turns)
-        left = largest_gap(read(posture), turns)
+        left = largest_gap(linkages(read(posture), turns))
         if left.share <= CLOSED:
             break
     what = f"the closed linkage of {' and '.join(gap.between)} open by {1000 * gap.metres:.3g} mm"
@@ -178,53 +214,29 @@ def _nearest_closed(
     """Return the posture near q at which the couplings hold best, by Gauss and Newton's steps."""
     for _ in range(100):
         step, most = np.zeros(len(q)), 0.0
-        for group in _linkages(read(q)):
-            scale = _lengths(group, turns)
-            rows, gap = (
-                np.concatenate(parts)
-                for parts in zip(*(_even(each, scale) for each in group), strict=True)
-            )
+        for linkage in linkages(read(q), turns):
+            scale = _lengths(linkage, turns)
+            rows, gap = _even(linkage, scale)
             ways = np.linalg.lstsq(rows[:, moved], -gap, rcond=PLAY)[0]
             step[moved] += ways / scale[moved]
-            most = max(most, float(np.abs(ways).max(initial=0.0)) / _size(group, turns))
+            most = max(most, float(np.abs(ways).max(initial=0.0)) / linkage.size)
         q = q + step * min(1.0, _LARGEST_TURN / max(most, _LARGEST_TURN))
         if most < 1e-10:  # the next step would be its square
             break
     return q
 
 
-def _even(coupling: Coupling, scale: Array) -> tuple[Array, Array]:
-    """Return a coupling's rows by the joints' ways, the largest entry 1, and the gap with them."""
-    rows = coupling.rows / scale
-    size = np.abs(rows).max(initial=0.0) or 1.0
-    return rows / size, coupling.gap / size
+def _even(linkage: Linkage, scale: Array) -> tuple[Array, Array]:
+    """Return the rows by the joints' ways, each coupling's largest entry 1, and the gaps so."""
+    rows, gaps = list[Array](), list[Array]()
+    for each in linkage.couplings:
+        by_way = each.rows / scale
+        size = np.abs(by_way).max()
+        rows.append(by_way / size)
+        gaps.append(each.gap / size)
+    return np.concatenate(rows), np.concatenate(gaps)
 
 
-def _lengths(group: Sequence[Coupling], turns: Mask) -> Array:
+def _lengths(linkage: Linkage, turns: Mask) -> Array:
     """Return the way that each joint's motion stands for, shape (n_dofs,) [m per rad or m]."""
-    return np.where(turns, _size(group, turns), 1.0)
-
-
-def _size(group: Sequence[Coupling], turns: Mask) -> float:
-    """Return the longest arm of a turning joint at a place that closes a loop [m]; else 1."""
-    arms = [np.abs(each.rows[:, turns]).max(initial=0.0) for each in group if each.kind == "place"]
-    return float(max(arms, default=0.0)) or 1.0
-
-
-def _linkages(couplings: Sequence[Coupling]) -> list[list[Coupling]]:
-    """Return the couplings by linkage: those that share joints together."""
-    left = [each for each in couplings if each.rows.any()]
-    groups: list[list[Coupling]] = []
-    while left:
-        group = [left.pop(0)]
-        joints = group[0].rows.any(axis=0)
-        while True:
-            more = [each for each in left if each.rows[:, joints].any()]
-            if not more:
-                break
-            group += more
-            left = [each for each in left if not any(each is other for other in more)]
-            for each in more:
-                joints = joints | each.rows.any(axis=0)
-        groups.append(group)
-    return groups
+    return np.where(turns, linkage.size, 1.0)

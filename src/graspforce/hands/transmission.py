@@ -70,14 +70,14 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
     off = np.zeros((0, allowed.shape[1])) if stops is None else stops @ allowed
     carrying, bearing = _independent(moved), _bearing(off, moved)
     others, count = [i for i in range(len(drives)) if i not in carrying], len(carrying)
-    either = np.vstack((moved[carrying], off[list(bearing)]))
-    inverse = np.linalg.pinv(either, rcond=RANK_TOLERANCE)
+    inverse, left = _inverse(np.concatenate((moved[carrying], off[list(bearing)])))
     motions = _rounded(allowed @ inverse)
     driven = np.zeros(drives.shape[::-1])
     driven[:, carrying] = motions[:, :count]
     internal = np.zeros((len(others), len(drives)))
-    internal[:, carrying] = _rounded(-moved[others] @ inverse[:, :count])
-    internal[np.arange(len(others)), others] = 1.0
+    if others:
+        internal[:, carrying] = _rounded(-moved[others] @ inverse[:, :count])
+        internal[np.arange(len(others)), others] = 1.0
     beside: list[tuple[int, int, int]] = []
     for i in range(len(off)):
         shares = _rounded(off[i] @ inverse)
@@ -85,7 +85,7 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
         if i not in bearing and np.count_nonzero(shares) == 1 and most < count:
             beside.append((i, carrying[most], int(np.sign(shares[most]))))
     return Transmission(
-        driven, _rounded(allowed @ null_space(either)), internal, motions[:, count:], bearing,
+        driven, _rounded(allowed @ left), internal, motions[:, count:], bearing,
         tuple(beside),
     )  # fmt: skip
 
@@ -107,7 +107,9 @@ def _independent(rows: Array) -> list[int]:
     """
     sizes = np.linalg.norm(rows, axis=1)
     left = rows / np.where(sizes > RANK_TOLERANCE * sizes.max(initial=0.0), sizes, np.inf)[:, None]
-    if np.linalg.matrix_rank(left, RANK_TOLERANCE) == len(rows):  # mostly: all would be taken
+    # Mostly all would be taken. Of unit rows, the least singular value's square is more than a
+    # third of this determinant: the other squares' product is less than e, as their mean is.
+    if np.linalg.det(left @ left.T) > 1e-9:
         return list(range(len(rows)))
     taken: list[int] = []
     while True:
@@ -150,6 +152,15 @@ def null_space(rows: Array) -> Array:
         return np.eye(n)
     _, sizes, right = np.linalg.svd(rows)
     return right[int((sizes > RANK_TOLERANCE * sizes[0]).sum()) :].T
+
+
+def _inverse(rows: Array) -> tuple[Array, Array]:
+    """Return the rows' pseudoinverse, shape (n, r), and what :func:`null_space` returns."""
+    if not rows.any():
+        return np.zeros(rows.shape[::-1]), np.eye(rows.shape[1])
+    left, sizes, right = np.linalg.svd(rows)
+    rank = int((sizes > RANK_TOLERANCE * sizes[0]).sum())
+    return (right[:rank].T / sizes[:rank]) @ left[:, :rank].T, right[rank:].T
 
 
 def _rounded(matrix: Array) -> Array:

@@ -30,20 +30,29 @@ from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_positive
 from graspforce.answers import firmness
-from graspforce.contact import ContactModel, cross, model_of, patch_weights
+from graspforce.contact import (
+    ContactModel,
+    cross,
+    cross_matrices,
+    cross_rows,
+    model_of,
+    patch_weights,
+)
 from graspforce.control import ContactBook
 from graspforce.errors import GraspForceWarning, InvalidInputError, ModelImportError
 from graspforce.hands.hand import Actuation
 from graspforce.hands.mujoco.contacts import Indices
 from graspforce.hands.mujoco.grasp import MujocoGrasp
+from graspforce.hands.mujoco.model import moved_by
 from graspforce.hands.mujoco.motors import MujocoMotors
 from graspforce.problem import ForceProblem
 from graspforce.servo import Servo
-from graspforce.sim.controller import point_acceleration, rotation_vector
+from graspforce.sim.controller import rotation_vector
 from graspforce.sim.mujoco_import import mj
 from graspforce.sim.trial import Gains
 from graspforce.sim.world import Pose, object_inertia, object_pose
@@ -172,7 +181,7 @@ class HandLoop:
         self._look_up_ends()
         kinds = mj.mjtIntegrator
         self._implicit = (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST))
-        self._jacobian_dot = np.zeros((6, model.nv))
+        self._above = np.array([moved_by(model, each) for each in range(model.nbody)], dtype=float)
         self._mass_matrix = np.zeros((model.nv, model.nv))
         seen = self.seen()
         if not len(seen.points):
@@ -212,8 +221,7 @@ class HandLoop:
     def seen(self) -> Seen:
         """Return the contacts that the simulation lists."""
         reader = self.reader
-        bodies: Indices = self._model.geom_bodyid[reader.geoms[:, 0]]
-        return Seen(reader.points, reader.normals, bodies, *reader.friction)
+        return Seen(reader.points, reader.normals, reader.bodies, *reader.friction)
 
     def write(self, tau: Array, *, at_once: bool = False) -> None:
         """Send torques to the motors."""
@@ -354,23 +362,25 @@ class HandLoop:
         """Return the torques that move the joints' own inertia, shape (n_joints,)."""
         gains, data = self._gains, self._data
         dofs, driven = self.reader.motion
-        carrying = driven.any(axis=0)  # of motors that share a motion, those that count for it
-        M, metric = (
-            each[np.ix_(carrying, carrying)] for each in self._inertia_of_motors(dofs, driven)
-        )
+        carrying: NDArray[np.bool_] = np.any(
+            driven, axis=0
+        )  # of motors that share a motion, those that count for it
+        moved = carrying.nonzero()[0]
+        among = moved[:, None], moved
+        M, metric = (each[among] for each in self._inertia_of_motors(dofs, driven))
         off = self.motors.lengths(data) - self._lengths
         posture = -gains.posture_stiffness * off - gains.posture_damping * self.motors.rates(data)
         tau, posture = np.zeros(len(driven.T)), posture[carrying]
         moving = posture
-        engaged = np.flatnonzero(self.book.engagement > 0)
-        rows = np.repeat(self.book.engagement > 0, self._dims)
+        engaged = (self.book.engagement > 0).nonzero()[0]
         if len(engaged):
             wanted = self._along(acceleration, pose, engaged)
-            J_here = J[np.ix_(rows, carrying)]
+            J_here = J[np.repeat(self.book.engagement > 0, self._dims)][:, carrying]
             easily = np.linalg.solve(metric, J_here.T)
             # A contact that lets go counts less and less.
             share = np.repeat(self.book.engagement[engaged], self._dims[engaged])
-            compliance = J_here @ easily + np.diag(1 / (_MAX_INERTIA * share**2))
+            compliance = J_here @ easily
+            compliance.flat[:: len(share) + 1] += 1 / (_MAX_INERTIA * share**2)
             moving = posture + easily @ np.linalg.solve(compliance, wanted - J_here @ posture)
         tau[carrying] = M @ moving
         return tau
@@ -387,13 +397,15 @@ class HandLoop:
         """
         model, data = self._model, self._data
         mj.mj_fullM(model, data, self._mass_matrix)
-        M, step = self._mass_matrix[np.ix_(dofs, dofs)], float(model.opt.timestep)
-        heavier, heavy = self._heavier(dofs), np.diag(M)
-        of_motors: Array = np.zeros((driven.shape[1], driven.shape[1]))
-        if int(model.opt.integrator) in self._implicit:
-            M = M + step * np.diag(model.dof_damping[dofs])
-            of_motors = np.diag(step * self.motors.damping(data) * driven.any(axis=0))
-        inertia = driven.T @ M @ driven + of_motors
+        M, step = self._mass_matrix[dofs[:, None], dofs], float(model.opt.timestep)
+        heavier, heavy = self._heavier(dofs), M.diagonal().copy()
+        implicit = int(model.opt.integrator) in self._implicit
+        if implicit:
+            M.flat[:: len(dofs) + 1] += step * model.dof_damping[dofs]
+        inertia = driven.T @ M @ driven
+        if implicit:
+            carrying: NDArray[np.bool_] = np.any(driven, axis=0)
+            inertia.flat[:: len(carrying) + 1] += step * self.motors.damping(data) * carrying
         if not heavier.any():
             return inertia, inertia
         return inertia, inertia + (driven.T * (heavy * heavier)) @ driven
@@ -418,22 +430,34 @@ class HandLoop:
 
     def _along(self, acceleration: Array, pose: Pose, engaged: Indices) -> Array:
         """Return the joints' part of the accelerations that take contacts along, (m_engaged,)."""
-        frames, points = self.book.frames, self.book.points
-        feed_forward = self._gains.feed_forward
-        found: list[Array] = []
-        for i in engaged.tolist():
-            wanted = np.zeros(6)
-            if feed_forward:
-                drift = self._jacobian_dot
-                mj.mj_jacDot(
-                    self._model, self._data, drift[:3], drift[3:], points[i], int(self._bodies[i])
-                )
-                wanted[:3] = point_acceleration(acceleration, pose, points[i])
-                wanted[3:] = acceleration[3:]
-                wanted -= drift @ self._data.qvel
-            axes = frames[i].T
-            found.append(np.append(axes @ wanted[:3], axes[0] @ wanted[3:])[: self._dims[i]])
-        return np.concatenate(found)
+        axes = self.book.frames[engaged].transpose(0, 2, 1)
+        wanted = np.zeros((len(engaged), 4))
+        if self._gains.feed_forward:
+            points, spin = self.book.points[engaged], cross_matrices(pose.angular_velocity)[0]
+            turning = cross_matrices(acceleration[3:])[0] + spin @ spin
+            of_object = acceleration[:3] + (points - pose.position) @ turning.T
+            linear, angular = self._drift(points, self._bodies[engaged])
+            wanted[:, :3] = (axes @ (of_object - linear)[..., None])[..., 0]
+            wanted[:, 3] = (axes[:, 0] * (acceleration[3:] - angular)).sum(axis=1)
+        return wanted[np.arange(4) < self._dims[engaged, None]]
+
+    def _drift(self, points: Array, bodies: Indices) -> tuple[Array, Array]:
+        """Return the accelerations of bodies at points while no joint accelerates: of J's change.
+
+        Args:
+            points: shape (k, 3) [m].
+            bodies: their numbers, shape (k,).
+
+        Returns:
+            linear [m/s²] and angular [rad/s²], each (k, 3), as of ``mj_jacDot`` times qvel.
+        """
+        data = self._data
+        arms = points - data.subtree_com[self._model.body_rootid[bodies]]
+        moving = self._above[bodies] @ (data.cdof_dot * data.qvel[:, None])
+        speed = data.cvel[bodies]
+        velocity = speed[:, 3:] + cross_rows(speed[:, :3], arms)
+        turned = cross_rows(moving[:, :3], arms) + cross_rows(speed[:, :3], velocity)
+        return moving[:, 3:] + turned, moving[:, :3]
 
     def _distribute(self, f: Array, W: Array, hand: Actuation, bias: Array) -> Solution:
         """Solve the tick's force problem."""
@@ -447,10 +471,12 @@ class HandLoop:
         if motions is not None:
             W, f, soft = motions.T @ W, motions.T @ f, np.abs(motions.T) @ soft
         passive = np.full(len(hand.passive_loads), _GIVING_WAY * self._soft[-1])
-        fields["W"] = np.vstack((W, hand.passive_rows))
-        fields["f"] = np.append(f, hand.passive_loads)
-        fields["f_soft"] = np.append(soft, passive)
-        internal = hand.internal[(hand.internal[:, acting] != 0).any(axis=1)][:, acting]
+        fields["W"] = np.concatenate((W, hand.passive_rows))
+        fields["f"] = np.concatenate((f, hand.passive_loads))
+        fields["f_soft"] = np.concatenate((soft, passive))
+        internal = hand.internal[:, acting]
+        if len(internal):
+            internal = internal[internal.any(axis=1)]
         if len(internal):
             fields["internal"] = internal
         if len(hand.b):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
-from graspforce.contact import Contact, ContactModel, model_of
+from graspforce.contact import Contact, ContactModel, cross_matrices, model_of
 from graspforce.hands.mujoco.model import (
     adhesion_force,
     adhesions,
@@ -58,10 +58,6 @@ class Contacts(NamedTuple):
             for point, axes, model in zip(self.points, self.axes, self.models, strict=True)
         )
 
-    def wrenches(self, origin: Array) -> Array:
-        """Return the wrench of each component of c about ``origin``, shape (m, 6)."""
-        return contact_wrenches(self.points, self.axes, self.dims, origin)
-
     def forces(self, model: Any, data: Any) -> Array:
         """Return the physics' contact forces, shape (m,).
 
@@ -105,24 +101,27 @@ class ContactReader:
         seen = data.contact
         geoms: Indices = seen.geom
         of_object = self._of_object[geoms]
-        second = of_object[:, 1]
-        ordered: Indices = np.where(second[:, None], geoms, geoms[:, ::-1])
-        bodies = self._body_of_geom[ordered]
-        active = (of_object[:, 0] != second) & (seen.exclude == 0)
-        deformable = ordered[:, 0] < 0
-        usable = ~deformable
-        if self._floating[bodies[active, 0]].any():  # else there is nothing loose at hand
-            usable &= ~loose_bodies(self._model, moments)[bodies[:, 0]]
-        left_out = np.where(deformable, -1, bodies[:, 0])[active & ~usable]
-        places = np.flatnonzero(active & usable)
-        pull = self._pulls(data)[places]
-        side = np.where(second[places], 1.0, -1.0)
+        # Of the object and something else, and not left out by MuJoCo.
+        places = np.flatnonzero((of_object[:, 0] != of_object[:, 1]) & (seen.exclude == 0))
+        second = of_object[places, 1]
+        geoms = np.where(second[:, None], geoms[places], geoms[places, ::-1])
+        bodies = self._body_of_geom[geoms]
+        left_out: NDArray[np.bool_] = geoms[:, 0] < 0
+        if self._floating[bodies[:, 0]].any():  # else there is nothing loose at hand
+            left_out |= loose_bodies(self._model, moments)[bodies[:, 0]]
+        missing: Indices = np.zeros(0, dtype=np.intp)
+        if left_out.any():
+            missing = np.where(geoms[:, 0] < 0, -1, bodies[:, 0])[left_out]
+            kept = ~left_out
+            places, second, geoms, bodies = places[kept], second[kept], geoms[kept], bodies[kept]
+        pull = self._pulls(data)[places] if self._adhesions else np.zeros(len(places))
+        side = np.where(second, 1.0, -1.0)
         # MuJoCo's normal points from the first geom to the second; x stays, and y follows.
         axes = seen.frame[places].reshape(-1, 3, 3)
         axes[:, ::2] *= side[:, None, None]
         return Contacts(
-            places, ordered[places], bodies[places], side, seen.pos[places], axes,
-            *_friction(seen.dim[places], seen.friction[places]), pull, left_out,
+            places, geoms, bodies, side, seen.pos[places], axes,
+            *_friction(seen.dim[places], seen.friction[places]), pull, missing,
         )  # fmt: skip
 
     def _pulls(self, data: Any) -> Array:
@@ -163,16 +162,6 @@ def _components(dims: Indices) -> NDArray[np.bool_]:
     return np.arange(4) < dims[:, None]
 
 
-def cross_matrices(arms: Array) -> Array:
-    """Return matrices K with ``K[i] @ v = arms[i] × v``, shape (n, 3, 3)."""
-    matrices = np.zeros((len(arms), 3, 3))
-    x, y, z = arms.T
-    matrices[:, 0, 1], matrices[:, 1, 0] = -z, z
-    matrices[:, 2, 0], matrices[:, 0, 2] = -y, y
-    matrices[:, 1, 2], matrices[:, 2, 1] = -x, x
-    return matrices
-
-
 def _friction(dim: Array, friction: Array) -> tuple[Indices, Array, Array]:
     """Return components, mu and gamma of the contact models that lie within MuJoCo's cones.
 
@@ -180,6 +169,6 @@ def _friction(dim: Array, friction: Array) -> tuple[Indices, Array, Array]:
     coefficients the smaller counts; rolling friction (dim 6) is not used.
     """
     least = float(mujoco_module().mjMINMU)
-    mu, gamma = friction[:, :2].min(axis=1), friction[:, 2]
+    mu, gamma = np.minimum(friction[:, 0], friction[:, 1]), friction[:, 2]
     dims = np.where((dim == 1) | (mu <= least), 1, np.where((dim == 3) | (gamma <= least), 3, 4))
     return dims, mu, gamma

@@ -31,15 +31,15 @@ from graspforce.hands.configuration import (
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips
 from graspforce.hands.limits import JointRanges, as_tau_max, has_motor
-from graspforce.hands.loops import HOPELESS, gap_notes, largest_gap, rows_of
+from graspforce.hands.loops import HOPELESS, gap_notes, largest_gap, linkages, rows_of
 from graspforce.hands.mujoco.contacts import ContactReader, Indices, contact_wrenches
 from graspforce.hands.mujoco.model import (
+    CouplingReader,
     Drive,
     StopReader,
     as_body,
     bias_forces,
     body_of,
-    couplings,
     dof_names,
     dofs_above,
     drive_rows,
@@ -63,20 +63,42 @@ from graspforce.hands.transmission import (
 )
 
 
+class _Joints(NamedTuple):
+    """The joints that move the contacts, and their motors."""
+
+    key: tuple[bytes, ...]
+    """All that they follow from: what moves what, however far."""
+    dofs: Indices
+    drives: list[int]
+    """Those of the motors, among the model's."""
+    holding: list[int]
+    """The others, whose motors hold still."""
+    motors: Motors[Drive]
+
+
 class _Hand(NamedTuple):
     """The joints that move the contacts, and how the motors move these joints."""
 
     key: tuple[bytes, ...]
     """All that it was made from."""
+    joints: _Joints
     moments: Array
     """Motion of each drive of the model by joint motion, shape (n_drives, nv)."""
     couplings: Array
     """Gradients of the active equalities between joints, shape (p, nv)."""
-    dofs: Indices
-    motors: Motors[Drive]
     stops: Stops
     transmission: Transmission
     ranges: JointRanges
+
+    @property
+    def dofs(self) -> Indices:
+        """The degrees of freedom."""
+        return self.joints.dofs
+
+    @property
+    def motors(self) -> Motors[Drive]:
+        """The motors."""
+        return self.joints.motors
 
 
 class MujocoGrasp:
@@ -141,20 +163,8 @@ class MujocoGrasp:
             left out; later updates only note them.
     """
 
-    W: Array
     origin: Array
-    joint_names: tuple[str, ...]
-    J: Array
-    tau_lo: Array
-    tau_hi: Array
-    tau_bias: Array
-    passive_rows: Array
-    passive_loads: Array
-    internal: Array
-    A: Array
-    b: Array
     motions: Array | None
-    actuation: Actuation
     from_simulator = True
 
     def __init__(
@@ -182,6 +192,7 @@ class MujocoGrasp:
         self._motors, self._locked = motors, as_tuple(locked, "locked", str)
         self._held = locking_rows(self._locked, dof_names(model, every_dof(model)))
         self._stops, self._turns = StopReader(model), turning(model)
+        self._couplings = CouplingReader(model)
         self._chosen = None if joints is None else _indices(joints, self._drives)
         self._given = as_tau_max(tau_max, [each.limit.name for each in self._drives])
         above = dofs_above(model)
@@ -208,13 +219,14 @@ class MujocoGrasp:
         """
         model = self._model
         _require_data(data, model)
-        moments, tied = drive_rows(model, data, self._drives), couplings(model, data)
+        moments = drive_rows(model, data, self._drives)
+        tied = linkages(self._couplings.read(data), self._turns)
         computed = data.xquat[self._object.top].any() and (moments.any() or not self._drives)
         if not computed:
             raise InvalidInputError(
                 "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
             )
-        gap = largest_gap(tied, self._turns)
+        gap = largest_gap(tied)
         if gap.share > HOPELESS:
             raise InvalidInputError(
                 f"data: the closed linkage of {' and '.join(gap.between)} is open by "
@@ -225,25 +237,74 @@ class MujocoGrasp:
         acting = self._acting[contacts.bodies].sum(axis=1)
         coupled = np.vstack((rows_of(tied, self._turns), self._held)) if tied else self._held
         stops = self._stops.read(data)
-        hand = self._hand_of(np.any(acting != 0, axis=0), moments, coupled, stops)
-        origin = self._object.centre(data)
-        wrenches = contacts.wrenches(origin)
-        screws = self._object.screws(data, hand.dofs)
-        full = wrenches @ screws.T
-        full *= np.repeat(acting[:, hand.dofs], contacts.dims, axis=0)
-        bias = bias_forces(model, data)[hand.dofs]
-        actuation = hand.motors.actuation(hand.transmission, hand.ranges, full, bias)
-        self._contacts, self._hand, self._screws = contacts, hand, screws
-        self._bias = bias
+        hand = self._hand_of((acting != 0).any(axis=0), moments, coupled, stops)
+        self._contacts, self._hand, self._moved = contacts, hand, acting
+        self._screws = self._object.screws(data, hand.dofs)
+        self._bias = bias_forces(model, data)[hand.dofs]
         self._gap, self._tied = gap, tied
-        self.origin, self.actuation = origin, actuation
+        self._maps: tuple[Array, Actuation] | None = None
+        self.origin = self._object.centre(data)
         self.motions = self._object.motions(data, moments, coupled)
-        self.W = np.ascontiguousarray(wrenches.T)
-        self.joint_names, self.J = actuation.joint_names, actuation.J
-        self.tau_lo, self.tau_hi = actuation.tau_lo, actuation.tau_hi
-        self.tau_bias, self.internal = actuation.tau_bias, actuation.internal
-        self.passive_rows, self.passive_loads = actuation.passive_rows, actuation.passive_loads
-        self.A, self.b = actuation.A, actuation.b
+
+    @property
+    def W(self) -> Array:
+        """Grasp map, shape (6, m), world axes."""
+        return self._made[0]
+
+    @property
+    def actuation(self) -> Actuation:
+        """What the joints bring into the force problem."""
+        return self._made[1]
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The n_joints joints and tendons."""
+        return self._found.motors.joint_names
+
+    @property
+    def J(self) -> Array:
+        """Hand Jacobian in contact frames, shape (m, n_joints)."""
+        return self.actuation.J
+
+    @property
+    def tau_lo(self) -> Array:
+        """Lower torque limits, shape (n_joints,)."""
+        return self._found.motors.tau_lo
+
+    @property
+    def tau_hi(self) -> Array:
+        """Upper torque limits, shape (n_joints,)."""
+        return self._found.motors.tau_hi
+
+    @property
+    def tau_bias(self) -> Array:
+        """The torques at which the joints do not accelerate, shape (n_joints,)."""
+        return self.actuation.tau_bias
+
+    @property
+    def passive_rows(self) -> Array:
+        """Virtual work of c over the motions that no motor moves, shape (k, m)."""
+        return self.actuation.passive_rows
+
+    @property
+    def passive_loads(self) -> Array:
+        """What it has to be, shape (k,)."""
+        return self.actuation.passive_loads
+
+    @property
+    def internal(self) -> Array:
+        """Forces of the motors that balance among themselves, shape (r, n_joints)."""
+        return self._found.transmission.internal
+
+    @property
+    def A(self) -> Array:
+        """Limits ``A c ≤ b`` of stops and of joints' torques by all motors, shape (p, m)."""
+        return self.actuation.A
+
+    @property
+    def b(self) -> Array:
+        """Their right-hand sides, shape (p,)."""
+        return self.actuation.b
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
@@ -316,6 +377,11 @@ class MujocoGrasp:
         return self._contacts.geoms
 
     @property
+    def bodies(self) -> Indices:
+        """The number of the body that makes each contact, shape (n,)."""
+        return self._contacts.bodies[:, 0]
+
+    @property
     def dims(self) -> Indices:
         """How many components of c each contact has, shape (n,)."""
         return self._contacts.dims
@@ -383,11 +449,7 @@ class MujocoGrasp:
         Returns:
             W, shape (6, m), and J, bias torques, passive rows and stops. Nothing is checked.
         """
-        hand, wrenches = self._found, contact_wrenches(points, axes, dims, self.origin)
-        full = wrenches @ self._screws.T
-        full *= np.repeat(self._acting[bodies][:, hand.dofs], dims, axis=0)
-        actuation = hand.motors.actuation(hand.transmission, hand.ranges, full, self._bias)
-        return np.ascontiguousarray(wrenches.T), actuation
+        return self._maps_of(points, axes, dims, self._acting[bodies])
 
     @property
     def friction(self) -> tuple[Array, Array]:
@@ -432,7 +494,8 @@ class MujocoGrasp:
         driven[connected_dofs(np.any(hand.moments != 0, axis=0), hand.couplings)] = True
         fingers = (self._above & driven).any(axis=1) & ~self._touching()
         fingers[model.body_parentid] = False
-        for each in self._tied:  # the links of a closed linkage are one finger
+        # The links of a closed linkage are one finger.
+        for each in [each for linkage in self._tied for each in linkage.couplings]:
             linkage = (self._above & each.rows.any(axis=0)).any(axis=1)
             if each.kind == "place" and (linkage & self._touching()).any():
                 fingers &= ~linkage
@@ -466,6 +529,24 @@ class MujocoGrasp:
         assert self._hand is not None  # the constructor updates
         return self._hand
 
+    @property
+    def _made(self) -> tuple[Array, Actuation]:
+        """W and what the joints bring in, made when first asked for: a loop asks for its slots'."""
+        if self._maps is None:
+            seen = self._contacts
+            self._maps = self._maps_of(seen.points, seen.axes, seen.dims, self._moved)
+        return self._maps
+
+    def _maps_of(
+        self, points: Array, axes: Array, dims: Indices, moved: Array
+    ) -> tuple[Array, Actuation]:
+        """Return what :meth:`maps` does, of contacts that the joints move as ``moved``, (n, nv)."""
+        hand, wrenches = self._found, contact_wrenches(points, axes, dims, self.origin)
+        full = wrenches @ self._screws.T
+        full *= np.repeat(moved[:, hand.dofs], dims, axis=0)
+        actuation = hand.motors.actuation(hand.transmission, hand.ranges, full, self._bias)
+        return np.ascontiguousarray(wrenches.T), actuation
+
     def _touching(self) -> NDArray[np.bool_]:
         """Return which bodies, with all that is fixed to them, are at a contact, shape (nbody,)."""
         weld = self._model.body_weldid
@@ -497,7 +578,21 @@ class MujocoGrasp:
         key = tuple(each.tobytes() for each in (moving, moments, couplings, stops.rows))
         if self._hand is not None and key == self._hand.key:
             return self._hand
-        chosen, coupled = self._chosen, couplings
+        joints = self._joints_of(moving, moments, couplings)
+        leaned, dofs = stops.on(joints.dofs, self._held), joints.dofs
+        coupled = np.concatenate((couplings, moments[joints.holding]))
+        rows = moments[joints.drives]
+        moved = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
+        loose = dofs[~self._held[:, dofs].any(axis=0)]
+        ranges = joint_ranges(self._model, joints.motors.drives, rows, loose)
+        return _Hand(key, joints, moments, couplings, leaned, moved, ranges)
+
+    def _joints_of(self, moving: NDArray[np.bool_], moments: Array, couplings: Array) -> _Joints:
+        """Return the joints that move what ``moving`` do; the last ones where all is as then."""
+        key = tuple(each.tobytes() for each in (moving, moments != 0, couplings != 0))
+        if self._hand is not None and key == self._hand.joints.key:
+            return self._hand.joints
+        chosen, holding = self._chosen, list[int]()
         if chosen is not None:
             moving = moving | np.any(moments[chosen] != 0, axis=0)
             holding = [
@@ -505,7 +600,6 @@ class MujocoGrasp:
                 for i, drive in enumerate(self._drives)
                 if i not in chosen and has_motor(drive.limit, self._given)
             ]
-            coupled = np.vstack((couplings, moments[holding]))
         dofs = connected_dofs(moving, np.vstack((moments, couplings)))
         if chosen is None:
             chosen = taking_part(moments * ~self._held.any(axis=0), dofs)
@@ -513,12 +607,8 @@ class MujocoGrasp:
         names = {each.limit.name for each in acting}
         given = {name: size for name, size in self._given.items() if name in names}
         motors = choose_motors(acting, given, self._motors)
-        rows = moments[[self._drives.index(each) for each in motors.drives]]
-        leaned = stops.on(dofs, self._held)
-        moved = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
-        loose = dofs[~self._held[:, dofs].any(axis=0)]
-        ranges = joint_ranges(self._model, motors.drives, rows, loose)
-        return _Hand(key, moments, couplings, dofs, motors, leaned, moved, ranges)
+        drives = [self._drives.index(each) for each in motors.drives]
+        return _Joints(key, dofs, drives, holding, motors)
 
 
 def held_grasp(

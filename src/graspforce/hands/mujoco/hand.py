@@ -25,13 +25,13 @@ from graspforce.hands.imported import (
     fingers_of,
 )
 from graspforce.hands.limits import DriveLimit
-from graspforce.hands.loops import Coupling, closed, rows_of
+from graspforce.hands.loops import Coupling, closed, linkages, rows_of
 from graspforce.hands.mujoco.model import (
+    CouplingReader,
     Drive,
     MujocoConfiguration,
     StopReader,
     body_of,
-    couplings,
     dof_names,
     dofs_above,
     drive_rows,
@@ -93,11 +93,9 @@ def from_mjcf(
     held = locking_rows(locked, dof_names(model, every_dof(model)))
     data = _evaluated(model, model.qpos0)
     above, moments = dofs_above(model), drive_rows(model, data, candidates)
-    tied = couplings(model, data)
-    dofs = connected_dofs(
-        np.any(above[list(bodies)], axis=0),
-        np.vstack((moments, rows_of(tied, turning(model)))),
-    )
+    turns = turning(model)
+    tied = rows_of(linkages(CouplingReader(model).read(data), turns), turns)
+    dofs = connected_dofs(np.any(above[list(bodies)], axis=0), np.vstack((moments, tied)))
     acting = taking_part(moments * ~held.any(axis=0), dofs)
     chosen = choose_motors([candidates[i] for i in acting], tau_max, motors)
     configuration = MujocoConfiguration(model, data, dofs, chosen.drives, held, no_stops(model.nv))
@@ -136,7 +134,9 @@ def default_fingertips(source: str | Path | Any, tau_max: Any = None) -> tuple[s
     candidates += joints_as_drives(model, candidates, tau_max)
     data = _evaluated(model, model.qpos0)
     moments = drive_rows(model, data, candidates)
-    rows = np.vstack((moments, rows_of(couplings(model, data), turning(model))))
+    turns = turning(model)
+    tied = rows_of(linkages(CouplingReader(model).read(data), turns), turns)
+    rows = np.vstack((moments, tied))
     driven = np.zeros(model.nv, dtype=bool)
     driven[connected_dofs(np.any(moments != 0, axis=0), rows)] = True
     moved: NDArray[np.bool_] = np.any(dofs_above(model) & driven, axis=1)
@@ -244,6 +244,7 @@ class MujocoRobot:
         """Return the posture with closed linkages that qpos stands for, and notes on the way."""
         model, dofs = self.model, self.dofs
         address = model.jnt_qposadr[model.dof_jntid[dofs]]
+        couplings = CouplingReader(model)
 
         def at(positions: Array) -> Array:
             moved = np.array(qpos)
@@ -251,7 +252,7 @@ class MujocoRobot:
             return moved
 
         def read(positions: Array) -> list[Coupling]:
-            found = couplings(model, _evaluated(model, at(positions)))
+            found = couplings.read(_evaluated(model, at(positions)))
             return [each._replace(rows=each.rows[:, dofs]) for each in found]
 
         drives = drive_rows(model, _evaluated(model, qpos), self.drives)[:, dofs]

@@ -8,7 +8,7 @@ robot is taken as held: its six free degrees of freedom are in nobody's Jacobian
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from graspforce._util.arrays import Array, came, index_of
 from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
 from graspforce.hands.configuration import as_names, stop_notes
 from graspforce.hands.imported import as_link
-from graspforce.hands.limits import DriveLimit, JointRanges, as_tau_max
-from graspforce.hands.loops import Coupling, rows_of
+from graspforce.hands.limits import DriveLimit, JointRanges, as_tau_max, no_ranges
+from graspforce.hands.loops import Coupling, linkages, rows_of
 from graspforce.hands.stops import Stops, ends, no_stops
 from graspforce.hands.transmission import Transmission, transmission
 
@@ -283,6 +283,8 @@ def joint_ranges(
         dofs: the degrees of freedom that count.
     """
     limited = dofs[model.jnt_actfrclimited[model.dof_jntid[dofs]] != 0]
+    if not len(limited):
+        return no_ranges(len(each))
     names = dof_names(model, limited)
     own = np.array([[drive.limit.name == name for drive in each] for name in names], dtype=bool)
     arms = rows[:, limited].T
@@ -292,37 +294,59 @@ def joint_ranges(
     return JointRanges(dof_names(model, limited[pulled]), arms[pulled], lo, hi)
 
 
-def couplings(model: Any, data: Any) -> list[Coupling]:
-    """Return the active equality constraints between joints at data's configuration.
+class CouplingReader:
+    """Finds the active equality constraints between a model's joints.
 
     Those that hold a free body (the mount of a hand, an object) are left out.
     """
-    if not data.ne:
-        return []
-    mj = mujoco_module()
-    rows = np.zeros((data.nefc, model.nv))
-    if mj.mj_isSparse(model):
-        mj.mju_sparse2dense(
-            rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
-        )
-    else:
-        rows = np.array(data.efc_J, dtype=float).reshape(data.nefc, model.nv)
-    equal = data.efc_type == int(mj.mjtConstraint.mjCNSTR_EQUALITY)
-    rows, gaps, which = rows[equal], data.efc_pos[equal], data.efc_id[equal]
-    free, connect, weld = free_joint_dofs(model), mj.mjtEq.mjEQ_CONNECT, mj.mjtEq.mjEQ_WELD
-    found: list[Coupling] = []
-    for each in dict.fromkeys(which.tolist()):
-        own, gap = rows[which == each], np.array(gaps[which == each])
-        if int(model.eq_type[each]) not in (int(connect), int(weld)):
-            found.append(Coupling("ratio", own, gap, ()))
-            continue
-        first, second = _tied_bodies(model, each)
-        own[:, moved_by(model, first) & moved_by(model, second)] = 0.0
-        names = tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in (first, second))
-        found.append(Coupling("place", own[:3], gap[:3], names))
-        if len(own) > 3:
-            found.append(Coupling("turn", own[3:], gap[3:], names))
-    return [each for each in found if not each.rows[:, free].any()]
+
+    def __init__(self, model: Any) -> None:
+        """Look up what each equality ties, and which joints can change how."""
+        mj = mujoco_module()
+        loops = (int(mj.mjtEq.mjEQ_CONNECT), int(mj.mjtEq.mjEQ_WELD))
+        self._model, self._free = model, free_joint_dofs(model)
+        # Joints that move both links of a loop alike have no part in it.
+        self._part = np.ones((model.neq, model.nv))
+        self._tied: list[tuple[str, ...]] = [()] * model.neq
+        for each in np.flatnonzero(np.isin(model.eq_type, loops)).tolist():
+            pair = _tied_bodies(model, each)
+            self._part[each, moved_by(model, pair[0]) & moved_by(model, pair[1])] = 0.0
+            self._tied[each] = tuple(name_of(model, mj.mjtObj.mjOBJ_BODY, body) for body in pair)
+
+    def read(self, data: Any) -> list[Coupling]:
+        """Return the couplings at data's configuration."""
+        count = int(data.ne)  # equalities come first
+        if not count:
+            return []
+        which = data.efc_id[:count]
+        rows = np.zeros((count, self._model.nv))
+        mj = mujoco_module()
+        if mj.mj_isSparse(self._model):
+            mj.mju_sparse2dense(
+                rows, data.efc_J, data.efc_J_rownnz[:count], data.efc_J_rowadr[:count],
+                data.efc_J_colind,
+            )  # fmt: skip
+        else:
+            rows[:] = data.efc_J.reshape(-1, self._model.nv)[:count]
+        rows *= self._part[which]
+        of_free: NDArray[np.bool_] = np.any(rows[:, self._free], axis=1)
+        holding: list[bool] = of_free.tolist()
+        gaps, numbers = np.array(data.efc_pos[:count]), list[int](which.tolist())
+        found: list[Coupling] = []
+        for each in dict.fromkeys(numbers):
+            first, tied = numbers.index(each), self._tied[each]
+            last = first + numbers.count(each)
+            parts: list[tuple[Literal["place", "turn", "ratio"], int, int]] = (
+                [("place", first, first + 3), ("turn", first + 3, last)]
+                if tied
+                else [("ratio", first, last)]
+            )
+            found += [
+                Coupling(kind, rows[i:j], gaps[i:j], tied)
+                for kind, i, j in parts
+                if j > i and not any(holding[i:j])
+            ]
+        return found
 
 
 def _tied_bodies(model: Any, equality: int) -> tuple[int, int]:
@@ -481,7 +505,9 @@ class MujocoConfiguration:
             notes: what a user should know of the posture.
         """
         self._model, self._data, self._dofs = model, data, dofs
-        coupled = np.vstack((rows_of(couplings(model, data), turning(model)), held))
+        turns = turning(model)
+        tied = linkages(CouplingReader(model).read(data), turns)
+        coupled = np.vstack((rows_of(tied, turns), held))
         leaned = stops.on(dofs, held)
         rows = drive_rows(model, data, drives)
         self.transmission: Transmission = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)

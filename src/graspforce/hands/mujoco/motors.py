@@ -10,7 +10,7 @@ it makes the torque, and as much as its ``ctrlrange`` reaches is its limit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -121,6 +121,7 @@ class MujocoMotors:
         )  # fmt: skip
         self._reach[self._muscles] = 0.0, 1.0
         self._force = _range(model.actuator_forcelimited, model.actuator_forcerange, self._motors)
+        self._beside = np.bincount(self._drive_of)[self._drive_of]
 
     def limits(self, data: Any) -> tuple[Array, Array]:
         """Return the torques that the motors reach as the joints are, each shape (n,).
@@ -168,37 +169,34 @@ class MujocoMotors:
         time = as_positive(dt, "dt", "s")
         gain, bias = self._affine(data)
         low, high = self._ends(gain, bias)
-        wanted = np.clip(wanted, self._lo, self._hi)
+        wanted = wanted.clip(self._lo, self._hi)
         least, most = self._of_drives(low), self._of_drives(high)
-        count = np.bincount(self._drive_of)[self._drive_of]
         # Each motor's share; without limits, as much as any other.
         with np.errstate(invalid="ignore", divide="ignore"):
-            share = np.clip((wanted - least) / (most - least), 0.0, 1.0)[self._drive_of]
+            share = ((wanted - least) / (most - least)).clip(0.0, 1.0)[self._drive_of]
             at_joint = low + share * (high - low)
-        at_joint = np.where(np.isfinite(at_joint), at_joint, wanted[self._drive_of] / count)
+        at_joint = np.where(np.isfinite(at_joint), at_joint, wanted[self._drive_of] / self._beside)
         x = (at_joint / self._gear - bias) / np.where(gain == 0, np.inf, gain)
-        x = np.clip(x, self._reach[:, 0], self._reach[:, 1])
+        x = x.clip(self._reach[:, 0], self._reach[:, 1])
         if len(self._lags):
             x = self._led(data, x, time, at_once)
-        x = np.clip(x, self._control[:, 0], self._control[:, 1])
+        x = x.clip(self._control[:, 0], self._control[:, 1])
         data.ctrl[self._input] = x
         if len(self._lags):
             x = self._reached(data, x, time)
-        made = np.clip(gain * x + bias, self._force[:, 0], self._force[:, 1])
-        return np.clip(self._of_drives(self._gear * made), self._lo, self._hi)
+        made = (gain * x + bias).clip(self._force[:, 0], self._force[:, 1])
+        return self._of_drives(self._gear * made).clip(self._lo, self._hi)
 
     def _of_drives(self, of_motors: Array) -> Array:
         """Return the sums over each drive's motors, shape (n,)."""
-        sums: Array = np.zeros(len(self.joint_names))
-        np.add.at(sums, self._drive_of, of_motors)
-        return sums
+        sums = np.bincount(self._drive_of, of_motors, len(self.joint_names))
+        return cast("Array", sums)
 
     def _affine(self, data: Any) -> tuple[Array, Array]:
         """Return gain and bias of every motor as its joint is."""
         length = data.actuator_length[self._output]
         velocity = data.actuator_velocity[self._output]
-        by = np.column_stack((np.ones(len(length)), length, velocity))
-        gain, bias = (self._gain * by).sum(axis=1), (self._bias * by).sum(axis=1)
+        gain, bias = (a + b * length + c * velocity for a, b, c in (self._gain.T, self._bias.T))
         model, mj = self._model, self._mj
         for i in self._muscles.tolist():
             motor = int(self._motors[i])
@@ -213,9 +211,9 @@ class MujocoMotors:
     def _ends(self, gain: Array, bias: Array) -> tuple[Array, Array]:
         """Return the least and the largest torque of every motor at its joint."""
         with np.errstate(invalid="ignore"):
-            ends = np.where(gain[:, None] == 0, 0.0, gain[:, None] * self._reach) + bias[:, None]
-            ends = np.clip(ends, self._force[:, :1], self._force[:, 1:]) * self._gear[:, None]
-        return ends.min(axis=1), ends.max(axis=1)
+            ends = np.where(gain == 0, 0.0, gain * self._reach.T) + bias
+        low, high = self._gear * ends.clip(self._force[:, 0], self._force[:, 1])
+        return np.minimum(low, high), np.maximum(low, high)
 
     def _led(self, data: Any, x: Array, dt: float, at_once: bool) -> Array:
         """Return controls that bring the states of motors with a lag to x, as far as dt allows."""

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from graspforce._util.arrays import Array
+from graspforce.contact import cross_rows
 from graspforce.errors import InvalidInputError
-from graspforce.hands.mujoco.contacts import Indices, cross_matrices
+from graspforce.hands.mujoco.contacts import Indices
 from graspforce.hands.mujoco.model import (
     as_body,
     dof_names,
@@ -68,7 +69,7 @@ class HeldObject:
         about_root = data.cdof[dofs]  # [angular; linear] at the centre of mass of the dof's tree
         angular = about_root[:, :3]
         arm = self.centre(data) - data.subtree_com[self._root_of_dof[dofs]]
-        linear = about_root[:, 3:] + (cross_matrices(arm) @ -angular[..., None])[..., 0]
+        linear = about_root[:, 3:] + cross_rows(angular, arm)
         return np.concatenate((linear, angular), axis=1)
 
     def motions(self, data: Any, moments: Array, couplings: Array) -> Array | None:

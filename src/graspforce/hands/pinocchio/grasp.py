@@ -24,7 +24,7 @@ from graspforce.hands.configuration import (
 )
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_link
-from graspforce.hands.loops import HOPELESS, gap_notes, largest_gap, rows_of
+from graspforce.hands.loops import HOPELESS, gap_notes, largest_gap, linkages, rows_of
 from graspforce.hands.pinocchio.loops import as_loops, loop_couplings
 from graspforce.hands.pinocchio.mimics import mimic_couplings, mimics_of
 from graspforce.hands.pinocchio.model import (
@@ -240,8 +240,8 @@ class PinocchioGrasp:
 
     def _closing(self, data: Any) -> Array:
         """Return the couplings of closed linkages, shape (p, nv)."""
-        tied = loop_couplings(self._loops, self._model, data)
-        self._gap = largest_gap(tied, self._turns)
+        tied = linkages(loop_couplings(self._loops, self._model, data), self._turns)
+        self._gap = largest_gap(tied)
         if self._gap.share > HOPELESS:
             raise InvalidInputError(
                 f"q: leaves the closed linkage of {' and '.join(self._gap.between)} open by "
