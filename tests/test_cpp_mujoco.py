@@ -272,7 +272,7 @@ def test_cpp_book_is_pythons(spare, book_program):
 
 
 JAWS = """<mujoco><worldbody>
-  <body pos="-.03 0 0"><joint name="left" type="slide" axis="1 0 0"/>
+  <body pos="-.03 0 0"><joint name="left" type="slide" axis="1 0 0" {range}/>
     <geom type="box" size=".01 .01 .01"/></body>
   <body name="right" pos=".03 0 0">{joint}<geom type="box" size=".01 .01 .01"/></body>
   <body name="cube"><freejoint/><geom type="box" size=".0202 .01 .01"/></body>
@@ -293,11 +293,17 @@ MOTOR = '<motor name="m" joint="left" ctrlrange="-9 9"/>'
         ({"motor": MOTOR + '<motor tendon="t" ctrlrange="-1 1"/>', "more":
           '<tendon><fixed name="t"><joint joint="left" coef="1"/></fixed></tendon>'}, "cube",
          "got motors that are more than the motions that they move"),
+        ({"motor": '<motor tendon="t" ctrlrange="-1 1"/>', "more":
+          '<tendon><fixed name="t"><joint joint="left" coef="1"/></fixed></tendon>', "range":
+          'actuatorfrclimited="true" actuatorfrcrange="-.5 .5"'}, "cube",
+         "joint 'left': got an actuatorfrcrange, and a motor at tendon 't'"),
     ],
 )  # fmt: skip
 def test_cpp_loop_says_what_it_does_not_know(changes, body, words, example, tmp_path):
     scene = tmp_path / "jaws.xml"
-    scene.write_text(JAWS.format(**{"joint": "", "more": "", "motor": MOTOR} | changes))
+    scene.write_text(
+        JAWS.format(**{"joint": "", "more": "", "range": "", "motor": MOTOR} | changes)
+    )
     done = subprocess.run([example, scene, body, "10"], capture_output=True, text=True)
     assert done.returncode == 1
     assert words in done.stderr
@@ -307,5 +313,5 @@ def test_cpp_loop_reads_xml(example, tmp_path):
     scene = tmp_path / "jaws.xml"
     joint = '<joint name="right" type="slide" axis="-1 0 0"/>'
     motors = MOTOR + '<motor name="n" joint="right" ctrlrange="-9 9"/>'
-    scene.write_text(JAWS.format(joint=joint, more="", motor=motors))
+    scene.write_text(JAWS.format(joint=joint, more="", range="", motor=motors))
     assert len(run(example, scene, "cube", 3).splitlines()) == 3

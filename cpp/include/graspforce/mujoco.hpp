@@ -510,6 +510,12 @@ class MujocoGrasp : public RobotGrasp {
         for (int k = 0; k < data->moment_rownnz[row]; ++k)
           if (data->actuator_moment[data->moment_rowadr[row] + k] != 0)
             tie.push_back(data->moment_colind[data->moment_rowadr[row] + k]);
+        for (int dof : tie)  // a limit on what the tendons there do together
+          if (drive.tendon && model->jnt_actfrclimited[model->dof_jntid[dof]])
+            mujoco::refuse(
+                "joint '" + mujoco::name_of(model, mjOBJ_JOINT, model->dof_jntid[dof]) + "'",
+                "an actuatorfrcrange, and a motor at tendon '" + drive.name(model) + "'",
+                "a forcerange of the motor in its place");
         ties.push_back(tie);
       }
       for (int i = 0; i < model->neq; ++i) {
