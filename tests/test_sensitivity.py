@@ -15,7 +15,7 @@ from graspforce.scenarios.random import geometry, grasps
 
 # Derivatives, and differences, are as exact as the forces that they are taken at.
 TIGHT = gf.Settings(tol=1e-18)
-QUANTITIES = ("c", "tau", "phi", "friction_margins", "torque_margins")
+QUANTITIES = ("c", "internal_forces", "tau", "phi", "friction_margins", "torque_margins")
 
 
 def rich_problem(seed):
@@ -42,6 +42,20 @@ def with_pulls_and_weights(seed):
         problem = problem.replace(models=pulling, cone_weight=rng.uniform(0.3, 2, problem.n))
         if gf.solve(problem, TIGHT).status is gf.Status.SOLVED:
             return problem
+
+
+def with_internal_forces(seed):
+    """A rich problem, on odd seeds with pulls and weights too, whose motors pull together."""
+    rng = np.random.default_rng(seed)
+    problem = with_pulls_and_weights(seed) if seed % 2 else rich_problem(seed)
+    while not problem.layout.joints:
+        seed += 1000
+        problem = rich_problem(seed)
+    count = int(rng.integers(1, min(3, problem.layout.joints) + 1))
+    internal = rng.normal(size=(count, problem.layout.joints))
+    internal *= rng.random(internal.shape) < 0.7
+    internal[np.arange(count), np.arange(count)] = 1.0
+    return problem.replace(internal=internal * np.abs(problem.J).max())
 
 
 def entries(problem, name, rng, most=3):
@@ -147,7 +161,7 @@ def compare(derivatives, problem, name, rng, most=3):
         assert_agree(found, difference(problem, name, direction), name)
 
 
-@pytest.mark.parametrize("make", [rich_problem, with_pulls_and_weights])
+@pytest.mark.parametrize("make", [rich_problem, with_pulls_and_weights, with_internal_forces])
 @pytest.mark.parametrize("seed", range(10))
 def test_vjp_is_the_adjoint_of_jvp(seed, make):
     rng = np.random.default_rng(seed)
@@ -281,10 +295,15 @@ def test_what_is_no_quantity_or_field():
         gf.sensitivity(3)
 
 
-def test_internal_forces_are_refused_by_name():
-    answer = gf.solve(grasps(1, seed=4)[0].replace(internal=np.ones((1, 12))))
-    with pytest.raises(gf.InvalidInputError, match=r"^internal: got a problem with it"):
-        gf.sensitivity(answer)
+@pytest.mark.parametrize("seed", range(8))
+def test_internal_forces_of_motors(seed):
+    rng = np.random.default_rng(seed)
+    problem = with_internal_forces(seed)
+    derivatives = gf.sensitivity(gf.solve(problem, TIGHT))
+    full_rank = np.linalg.matrix_rank(problem.W) == len(problem.W)
+    for name in problem.layout.slots:
+        if differentiable(problem, name) and (full_rank or name not in ("W", "f")):
+            compare(derivatives, problem, name, rng, most=2)
 
 
 @pytest.mark.parametrize("seed", range(8))
