@@ -97,20 +97,22 @@ class Adjoint {
       work(m + i, p.internal + std::ptrdiff_t(i) * joints);
   }
 
-  // Which joints' limits count: those that feel a force in the grasp; all where all are in it.
+  // Which joints' limits count: not those that feel contacts, but none in the grasp.
   void find_counted(const Problem& p) {
+    std::fill(counted_.begin(), counted_.end(), true);
     bool whole = true;
     for (int i = 0; i < layout_.contacts(); ++i) whole &= p.in_grasp(i);
-    std::fill(counted_.begin(), counted_.end(), whole);
     if (whole) return;
-    each_contact([&](int i, int first, int dim) {
-      for (int d = first; d < first + dim && p.in_grasp(i); ++d)
-        for (int j = 0; j < layout_.joints; ++j)
-          if (p.J[d * layout_.joints + j] != 0) counted_[j] = true;
-    });
-    for (int i = 0; i < layout_.internals; ++i)
+    const auto mark = [&](const double* arms, bool counts) {
       for (int j = 0; j < layout_.joints; ++j)
-        if (p.internal[i * layout_.joints + j] != 0) counted_[j] = true;
+        if (arms[j] != 0) counted_[j] = counts;
+    };
+    for (bool in_grasp : {false, true})
+      each_contact([&](int i, int first, int dim) {
+        for (int d = first; d < first + dim && p.in_grasp(i) == in_grasp; ++d)
+          mark(p.J + d * layout_.joints, in_grasp);
+      });
+    for (int i = 0; i < layout_.internals; ++i) mark(p.internal + i * layout_.joints, true);
   }
 
   // The joints' torques of the forces c, and of x alone.
@@ -276,15 +278,16 @@ class Adjoint {
     for (int r = 0; r < layout_.inequalities; ++r) {
       const double* a = p.A + r * m;
       double at_c = 0, at_x = 0;
-      bool counts = false;
+      bool touches = false, counts = false;
       each_contact([&](int contact, int first, int dim) {
         for (int i = first; i < first + dim; ++i) {
           at_c += a[i] * c[i];
           at_x += a[i] * x[i];
+          touches |= a[i] != 0;
           counts |= a[i] != 0 && p.in_grasp(contact);
         }
       });
-      if (!counts) continue;
+      if (touches && !counts) continue;
       const Limit row = limit(p.b[r] - at_c, at_x, *p.alpha, phi, alpha);
       add(out.b, r, row.by_b);
       for (int i = 0; i < m && out.A != nullptr; ++i)
