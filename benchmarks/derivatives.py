@@ -6,9 +6,8 @@ of motors, with a soft wrench and rate limits; and grasps of a real hand. By som
 field, `jvp` is compared with differences of the fourth order, of the step that agrees best with the
 next larger one; `jvp` and `vjp`, of random changes of all fields, by their inner product.
 
-``make derivatives`` compares 200 problems of each kind with answers, and differences, of two
-tolerances, some twenty minutes. At the looser one it is the differences that are rough: what their
-forces are off by, up to 1e-7 of what they may move, they divide by the step.
+``make derivatives`` compares 200 problems of each kind, some minutes. With a looser tolerance it is
+the differences that become rough: what their forces are off by they divide by the step.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from graspforce.scenarios.random import geometry
 # Derivatives, and differences, are as exact as the forces that they are taken at.
 TIGHT = gf.Settings(tol=1e-18)
 QUANTITIES = ("c", "internal_forces", "tau", "phi", "friction_margins", "torque_margins")
-# Below it a change is not told from rounding [N, N·m; of Phi none].
+# Changes below so much of those in proportion to a field's are not told from rounding.
 FLOOR = 1e-4
 
 # ---- problems ------------------------------------------------------------------------------------
@@ -160,28 +159,39 @@ def differences(
     return found
 
 
-def error_of(found: Sequence[np.ndarray], expected: Sequence[np.ndarray], beside: float) -> float:
+def error_of(
+    found: Sequence[np.ndarray], expected: Sequence[np.ndarray], beside: Sequence[float]
+) -> float:
     """The largest error of any quantity, by its largest change and what that stands beside."""
     return max(
-        float(np.abs(np.ravel(a) - b).max(initial=0) / (np.abs(b).max(initial=0) + beside))
-        for a, b in zip(found, expected, strict=True)
+        float(np.abs(np.ravel(a) - b).max(initial=0) / (np.abs(b).max(initial=0) + scale))
+        for a, b, scale in zip(found, expected, beside, strict=True)
     )
 
 
 def errors(
-    problem: gf.ForceProblem, rng: np.random.Generator, most: int = 3,
-    settings: gf.Settings = TIGHT, answer: gf.Solution | None = None,
-) -> Iterator[tuple[str, float]]:  # fmt: skip
+    problem: gf.ForceProblem,
+    rng: np.random.Generator,
+    most: int = 3,
+    settings: gf.Settings = TIGHT,
+) -> Iterator[tuple[str, float]]:
     """Yield the error of the derivatives by some entries of each field."""
-    derivatives = gf.sensitivity(gf.solve(problem, settings) if answer is None else answer)
+    answer = gf.solve(problem, settings)
+    derivatives = gf.sensitivity(answer)
+    sizes = [1 + np.abs(getattr(answer, each)).max(initial=0) for each in QUANTITIES]
+    # A torque in the middle between its limits has no nearer one: its margin has a kink there.
+    apart = np.abs(problem.tau_hi + problem.tau_lo - 2 * answer.tau)
+    middle = apart < 1e-6 * (problem.tau_hi - problem.tau_lo)
     for name in differentiable(problem):
         for direction in entries(problem, name, rng, most):
-            found = derivatives.jvp(of=QUANTITIES, **{name: direction})
+            found = list(derivatives.jvp(of=QUANTITIES, **{name: direction}))
+            expected = differences(problem, name, direction, settings)
+            found[-1] = np.where(middle, expected[-1], found[-1])
+            beside = [FLOOR * size / size_of(problem, name) for size in sizes]
             # What the cones bear is c and the pull; where c itself hardly changes, they both do.
             shares = {"pull": problem.engagement, "engagement": problem.pull}.get(name, [])
             pull = float(np.abs(shares * direction).max(initial=0)) if len(shares) else 0.0
-            expected = differences(problem, name, direction, settings)
-            yield name, error_of(found, expected, FLOOR + pull)
+            yield name, error_of(found, expected, [each + pull for each in beside])
 
 
 def adjoint_error(problem: gf.ForceProblem, rng: np.random.Generator) -> float:

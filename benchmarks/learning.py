@@ -166,7 +166,7 @@ def main() -> int:
     load = os.getloadavg()[0]
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     _torch.set_num_threads(1)
-    _jax.config.update("jax_enable_x64", True)  # noqa: FBT003
+    _jax.config.update("jax_enable_x64", True)
     table, words = measure(options.patience)
     load_told = f"load of the machine by others while this ran, about {load:.0f} processes"
     show(table, *words, load_told, save=options.save, width=100)

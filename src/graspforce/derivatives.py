@@ -437,7 +437,15 @@ class _Rows:
         fields = zero | {
             name: d[name]
             for name in (
-                "J", "internal", "tau_lo", "tau_hi", "tau_bias", "c_last", "dc_max", "A", "b",
+                "J",
+                "internal",
+                "tau_lo",
+                "tau_hi",
+                "tau_bias",
+                "c_last",
+                "dc_max",
+                "A",
+                "b",
             )
         }
         bounds = {name: d[name] for name in ("c_max", "c_min")}
