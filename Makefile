@@ -4,7 +4,7 @@ VENV := .venv
 PIP := $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock
 NATIVE := pyproject.toml CMakeLists.txt requirements.lock $(shell find cpp -name '*.hpp' -o -name '*.cpp')
 
-.PHONY: reproduce test docs picture matrix matrix-short lint wheels bench instructions campaign batch-campaign decrements fuzz soak soak-page portable clean
+.PHONY: reproduce test docs picture matrix matrix-short lint wheels bench instructions campaign batch-campaign decrements derivatives fuzz soak soak-page portable clean
 CPP := $(shell find cpp benchmarks examples -name '*.hpp' -o -name '*.cpp' -o -name '*.[ch]')
 
 reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, into results/
@@ -57,6 +57,11 @@ batch-campaign: $(VENV)/test.installed  ## a million rows of solve_batch against
 
 decrements: $(VENV)/test.installed  ## the certified bounds of a hundred thousand ticks against NumPy, minutes
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python benchmarks/decrements.py --ticks 100000 --save benchmarks/results/decrements.txt
+
+GRASPS := $(wildcard ../shared/data/allegro_ycb.npz)
+derivatives: $(VENV)/test.installed  ## those by every field against differences of the solver, some minutes
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python benchmarks/derivatives.py \
+	  $(GRASPS:%=--grasps %) --save benchmarks/results/derivatives.txt
 
 # The core alone needs no Python. Programs go to build/; SECONDS and TICKS may be given.
 SECONDS := 600

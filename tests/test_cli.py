@@ -48,6 +48,28 @@ def rows(table):
     return {each[1]: each[2:] for each in cells if len(each) == 7 and each[0].isdigit()}
 
 
+def test_memory_that_was_freed_is_used_again():
+    """Arrays of 8 MB, made and let go of: their pages come from the system once."""
+    program = """
+import resource, sys
+import numpy as np
+from graspforce.cli.process import keep_freed_memory
+if sys.argv[1:]:
+    keep_freed_memory()
+for _ in range(100):
+    np.zeros(10**6) + 1
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt)
+"""
+    plain, kept = (
+        int(subprocess.check_output(
+            [sys.executable, "-c", program, *arguments],
+            env=os.environ | {"NUMPY_MADVISE_HUGEPAGE": "0"},
+        ))
+        for arguments in ([], ["keep"])
+    )  # fmt: skip
+    assert kept < plain / 2 or kept < 30_000
+
+
 # ---- help and version --------------------------------------------------------------------------
 
 

@@ -125,7 +125,7 @@ def test_the_optimum_follows_the_kkt_system(core, problem, rng):
 def test_the_kkt_system_wants_its_sizes_and_forces_inside(core, problem):
     layout, packed, c = problem.layout, problem.packed, np.array(gf.solve(problem).c)
     rhs = np.zeros((problem.m + len(problem.f), 2))
-    with pytest.raises(ValueError, match="m \\+ k rows"):
+    with pytest.raises(ValueError, match="m \\+ r \\+ k rows"):
         core.kkt_solve(layout, packed, c, rhs[1:])
     with pytest.raises(ValueError, match="size"):
         core.kkt_solve(layout, packed, c[1:], rhs)

@@ -96,6 +96,40 @@ def test_the_programs_of_the_gallery_run(program, folder, monkeypatch):
         plt.close("all")
 
 
+def test_refined_grasps_climb_along_exact_slopes(monkeypatch):
+    """The gallery's program with few grasps: slopes are differences of what they say."""
+    pytest.importorskip("mujoco")
+    plt = pytest.importorskip("matplotlib.pyplot")
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    text = (ROOT / "examples" / "gallery" / "plot_refine_grasps.py").read_text(encoding="utf-8")
+    run = {"__name__": "refine"}
+    exec(text.replace("COUNT, MU, LIMIT, MASS = 1000", "COUNT, MU, LIMIT, MASS = 12"), run)
+    plt.close("all")
+    assert (run["margin"] > run["history"][0]).all()
+
+    s, q, batch, _ = run["before"]
+    half = run["half"]
+    slope, ways = run["slopes"](s, half, q, batch)
+
+    def soft_least(s):
+        q_there, off = run["follow"](s, half, q, 4)
+        assert off.max() < 1e-9
+        margins = run["slip"](s, half, q_there)[0].friction_margins
+        weights = np.exp(
+            -8 * (batch.friction_margins - batch.friction_margins.min(axis=1)[:, None])
+        )
+        return (weights / weights.sum(axis=1, keepdims=True) * margins).sum(axis=1)
+
+    for finger, way in ((0, 0), (3, 1)):
+        ends = []
+        for sign in (1, -1):
+            there = s.copy()
+            there[:, finger] += sign * 1e-4 * ways[:, finger, :, way]
+            ends.append(soft_least(there / np.linalg.norm(there, axis=-1, keepdims=True)))
+        expected = (ends[0] - ends[1]) / 2e-4
+        np.testing.assert_allclose(slope[:, finger, way], expected, rtol=1e-3, atol=1e-3)
+
+
 @pytest.mark.parametrize("page", sorted(DOCS.rglob("*.md")), ids=name_of)
 def test_the_page_says_first_who_it_is_for(page):
     text = re.sub(r"^```\{index\}.*?^```$", "", page.read_text("utf-8"), flags=re.S | re.M)

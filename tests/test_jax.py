@@ -79,6 +79,20 @@ def test_grad_inside_jit_and_scan(arrays):
     np.testing.assert_allclose(slope, difference, rtol=1e-5)
 
 
+def test_internal_forces_of_motors(arrays):
+    W, f, J, mu = (each[0] for each in arrays)
+    internal = 0.05 * np.random.default_rng(0).normal(size=(2, 12))
+
+    def total(internal):
+        found = gj.solve(
+            W, f, MODEL, J=J, tau_lo=-0.5, tau_hi=0.5, mu=mu, settings=TIGHT, internal=internal
+        )
+        assert found.c.shape == (12,)
+        return found.tau @ np.arange(12) + found.c.sum()
+
+    check_grads(total, (internal,), order=1, modes=["rev"], atol=1e-5, rtol=1e-5, eps=1e-5)
+
+
 def test_rows_that_are_not_solved_have_zero_gradients(arrays):
     W, f, J, mu = arrays
     f = f.at[1].multiply(1e4).at[2].set(np.nan)

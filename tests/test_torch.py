@@ -108,16 +108,25 @@ def test_bad_arguments_are_named(tensors):
         gt.solve(W, f.to("meta"), MODEL, c_max=50)
 
 
-@pytest.mark.parametrize(
-    ("name", "model", "further"),
-    [
-        ("internal", MODEL, {"internal": np.ones((1, 12))}),
-    ],
-)
-def test_what_has_no_derivatives_is_refused_by_name(tensors, name, model, further):
-    given = {key: value.detach() for key, value in tensors.items() if key != "mu"}
-    with pytest.raises(gf.InvalidInputError, match=f"^{name}: got .*no derivatives"):
-        gt.solve(**given, models=model, tau_lo=-0.5, tau_hi=0.5, **further)
+def test_internal_forces_of_motors(tensors):
+    W, f, J, mu = tensors.values()
+    internal = torch.tensor(0.05 * np.random.default_rng(0).normal(size=(2, 12)))
+    found = gt.solve(
+        W, f, MODEL, J=J, tau_lo=-0.5, tau_hi=0.5, mu=mu, settings=TIGHT,
+        internal=internal.requires_grad_(),
+    )  # fmt: skip
+    assert found.c.shape == (5, 12)
+    weights = [torch.tensor(np.random.default_rng(1).normal(size=(5, 12))) for _ in range(2)]
+    (weights[0] * found.c + weights[1] * found.tau).sum().backward()
+    arrays = {name: value.detach().numpy() for name, value in tensors.items()}
+    batch = gf.solve_batch(
+        **arrays, models=MODEL, tau_lo=-0.5, tau_hi=0.5, internal=internal.detach().numpy(),
+        settings=TIGHT,
+    )  # fmt: skip
+    np.testing.assert_allclose(found.tau.detach().numpy(), batch.tau, atol=1e-12)
+    expected = gf.sensitivity(batch).vjp(c=weights[0].numpy(), tau=weights[1].numpy())
+    np.testing.assert_allclose(f.grad.numpy(), expected["f"], rtol=1e-12)
+    np.testing.assert_allclose(internal.grad.numpy(), expected["internal"].sum(axis=0), rtol=1e-12)
 
 
 def test_contacts_that_pull_have_gradients():

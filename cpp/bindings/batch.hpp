@@ -142,24 +142,25 @@ inline nb::object solve_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::seq
   return nb::make_tuple(own(std::move(of_rows), found), own(std::move(numbers), found, line));
 }
 
-// Solves the KKT systems of a batch at forces c for a right-hand side a row, (B, m + k), in place;
+// Solves the KKT systems of a batch at forces c for a right-hand side a row, (B, m + r + k), in
+// place;
 // `wanted` tells of which rows, and afterwards which had forces strictly inside every limit.
 inline void kkt_solve_batch(nb::handle tuple, std::ptrdiff_t count, nb::sequence fields,
                             nb::handle c, Truths wanted,
                             nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu> x,
                             int threads) {
   const BatchRows rows = rows_of(tuple, count, fields);
-  const std::size_t line = rows.layout.components() + rows.layout.wrench_rows;
+  const std::size_t line = force_count(rows.layout) + rows.layout.wrench_rows;
   if (wanted.size() != std::size_t(count) || x.shape(0) != std::size_t(count) || x.shape(1) != line)
-    throw nb::value_error("x: expected count x (m + k)");
+    throw nb::value_error("x: expected count x (m + r + k)");
   const BatchOptima optima{lines_of(c, force_count(rows.layout), count, "c"), nullptr,
                            wanted.data()};
   interruptible([&](auto poll) { return solve_batch_kkt(rows, optima, x.data(), threads, poll); });
 }
 
-// Pulls the gradients of a number by the answers (c, tau, Phi, friction margins, torque margins;
-// None where it does not depend on them) back to the fields, into arrays of a row each in the order
-// of the layout's fields, None where they are not wanted.
+// Pulls the gradients of a number by the answers (c, internal forces, tau, Phi, friction margins,
+// torque margins; None where it does not depend on them) back to the fields, into arrays of a row
+// each in the order of the layout's fields, None where they are not wanted.
 inline void pull_back_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::sequence fields,
                                nb::handle c, nb::handle nu, Truths wanted, nb::sequence gradients,
                                nb::sequence out, int threads) {
@@ -174,10 +175,11 @@ inline void pull_back_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::seque
     return array.is_none() ? Column() : column_of(array, axes, size, count, "gradients");
   };
   given.c = gradient(0, 1, l.components());
-  given.tau = gradient(1, 1, l.joints);
-  given.phi = gradient(2, 0, 1);
-  given.friction_margins = gradient(3, 1, l.contacts());
-  given.torque_margins = gradient(4, 1, l.joints);
+  given.internal_forces = gradient(1, 1, l.internals);
+  given.tau = gradient(2, 1, l.joints);
+  given.phi = gradient(3, 0, 1);
+  given.friction_margins = gradient(4, 1, l.contacts());
+  given.torque_margins = gradient(5, 1, l.joints);
   std::size_t next = 0;
 #define GRASPFORCE_TAKE(name, type, height, width, ...)                                  \
   given.fields.name = nullptr;                                                           \

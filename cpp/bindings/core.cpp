@@ -42,7 +42,7 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
              "c"_a, "wanted"_a, "x"_a, "threads"_a,
              nb::sig("def kkt_solve_batch(layout: object, count: int, fields: Sequence[object], c: "
                      "object, wanted: object, x: object, threads: int) -> None"),
-             "kkt_solve in place for a right-hand side x, (B, m + k), of the rows that are wanted; "
+             "kkt_solve in place for a right-hand side x, (B, m + r + k), of the rows wanted; "
              "zeros for the others and for those with forces c that are not strictly inside.");
 
   module.def(
@@ -51,13 +51,13 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       nb::sig("def pull_back_batch(layout: object, count: int, fields: Sequence[object], c: "
               "object, nu: object, wanted: object, gradients: Sequence[object], out: "
               "Sequence[object], threads: int) -> None"),
-      "Pulls the gradients of a number by the answers' c, tau, Phi, friction and torque margins "
+      "Pulls the gradients of a number by the answers' c, internal forces, tau, Phi, margins "
       "(None: it does not depend on them) back to the fields, into `out`, in the layout's order; "
       "zeros in rows that are not wanted.");
 
   module.def(
       "kkt_solve", &graspforce::kkt_solve, "layout"_a, "packed"_a, "c"_a, "rhs"_a,
-      "Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), "
+      "Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + r + k, n), "
       "with the Hessian H of Phi at forces c, shape (m,), and the internal ones behind them, "
       "strictly inside every limit. "
       "Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get "

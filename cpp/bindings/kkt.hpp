@@ -12,13 +12,13 @@ namespace graspforce {
 using Columns = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using NumpyMatrix = nb::ndarray<nb::numpy, double, nb::ndim<2>>;
 
-// Solves for all columns of `rhs`, (m + k) × n, at forces c strictly inside every limit.
+// Solves for all columns of `rhs`, (m + r + k) × n, at forces c strictly inside every limit.
 inline NumpyMatrix kkt_solve(nb::handle tuple, nb::handle packed, nb::handle c, Columns rhs) {
   const Layout layout = make_layout(tuple);
-  const std::size_t rows = layout.components() + layout.wrench_rows, columns = rhs.shape(1);
+  const std::size_t rows = force_count(layout) + layout.wrench_rows, columns = rhs.shape(1);
   const double* numbers = doubles(packed, packed_size(layout));
   const double* forces = doubles(c, force_count(layout));
-  if (rhs.shape(0) != rows) throw nb::value_error("rhs: expected m + k rows");
+  if (rhs.shape(0) != rows) throw nb::value_error("rhs: expected m + r + k rows");
   auto solutions = std::make_unique<double[]>(rows * columns);
   std::copy_n(rhs.data(), rows * columns, solutions.get());
   {

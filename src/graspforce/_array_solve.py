@@ -9,11 +9,10 @@ import numpy as np
 
 from graspforce._engine.layout import FIELDS
 from graspforce._engine.settings import Settings
-from graspforce._util.arrays import Array, came, require_keywords
+from graspforce._util.arrays import Array, require_keywords
 from graspforce.batch import BatchProblems, solve_rows
 from graspforce.contact import ContactModel, model_of, models_for
 from graspforce.derivatives import Sensitivity
-from graspforce.errors import InvalidInputError
 from graspforce.problem import ProblemOptions
 
 
@@ -27,7 +26,13 @@ def shapes_of(fields: Mapping[str, Any], dims: Sequence[int]) -> dict[str, tuple
     sizes = {"k": fields["W"].shape[-2], "m": fields["W"].shape[-1], "n": len(dims)}
     sizes |= {"n_joints": np.shape(fields["J"])[-1]} if "J" in fields else {}
     sizes |= {"p": np.shape(fields["A"])[-2]} if "A" in fields else {}
+    sizes |= {"r": internals(fields)}
     return {name: tuple(sizes.get(axis, 0) for axis in FIELDS[name].shape) for name in fields}
+
+
+def internals(fields: Mapping[str, Any]) -> int:
+    """Return how many internal forces of motors there are, which stand behind c."""
+    return np.shape(fields["internal"])[-2] if "internal" in fields else 0
 
 
 def one_for_all(name: str) -> bool:
@@ -41,15 +46,10 @@ def gather(
     """Return the fields that are given, mu and gamma among them, and the contacts' components.
 
     Raises:
-        InvalidInputError: models that do not fit W, an unknown option, or one without derivatives.
+        InvalidInputError: models that do not fit W, an unknown option.
     """
     require_keywords(options, [*ProblemOptions.__annotations__, "mu", "gamma"], "solve")
     each = models_for(models, W.shape[-1])
-    if options.get("internal") is not None:
-        raise InvalidInputError(
-            f"internal: got {came(options['internal'])}, of which there are no derivatives yet; "
-            "expected none"
-        )
     fields = {"W": W, "f": f} | {
         name: value for name, value in options.items() if value is not None
     }
@@ -64,16 +64,16 @@ def gather(
 def solve_fields(
     fields: Mapping[str, Any], dims: Sequence[int], settings: Settings
 ) -> tuple[Array, Array, Array, Any]:
-    """Return c, tau, nu and status, a row for each problem."""
+    """Return forces, tau, nu and status, a row for each problem; internal forces stand behind c."""
     batch = solve_rows(_problems(fields, dims), settings=settings)
-    return batch.c, batch.tau, batch.nu, batch.status
+    return batch.found.forces, batch.tau, batch.nu, batch.status
 
 
 def pull_back(
     fields: Mapping[str, Any],
     dims: Sequence[int],
     found: tuple[Array, Array, Any],
-    gradients: Mapping[str, Array],
+    gradients: tuple[Array, Array],
     wanted: tuple[str, ...],
 ) -> dict[str, Array]:
     """Return gradients by fields, of a field that all rows share the sum of theirs.
@@ -81,13 +81,15 @@ def pull_back(
     Args:
         fields: what was solved.
         dims: the contacts' components.
-        found: c, nu and whether each row is SOLVED.
-        gradients: by c and tau.
+        found: forces, as of :func:`solve_fields`, nu and whether each row is SOLVED.
+        gradients: by forces and tau.
         wanted: the fields to differentiate by.
     """
     problems = _problems(fields, dims)
     known = [name for name in wanted if name != "engagement" or problems.layout.ceilings]
-    by_row = Sensitivity(problems, *found).vjp(wrt=tuple(known), **gradients)
+    by_forces, by_tau = gradients
+    c, v = by_forces[:, : sum(dims)], by_forces[:, sum(dims) :]
+    by_row = Sensitivity(problems, *found).vjp(wrt=tuple(known), c=c, internal_forces=v, tau=by_tau)
     result: dict[str, Array] = {}
     for name in wanted:
         shape = np.shape(fields[name])

@@ -24,17 +24,17 @@ def solve_batch(layout: object, count: int, fields: Sequence[object], start: obj
 
 def kkt_solve_batch(layout: object, count: int, fields: Sequence[object], c: object, wanted: object, x: object, threads: int) -> None:
     """
-    kkt_solve in place for a right-hand side x, (B, m + k), of the rows that are wanted; zeros for the others and for those with forces c that are not strictly inside.
+    kkt_solve in place for a right-hand side x, (B, m + r + k), of the rows wanted; zeros for the others and for those with forces c that are not strictly inside.
     """
 
 def pull_back_batch(layout: object, count: int, fields: Sequence[object], c: object, nu: object, wanted: object, gradients: Sequence[object], out: Sequence[object], threads: int) -> None:
     """
-    Pulls the gradients of a number by the answers' c, tau, Phi, friction and torque margins (None: it does not depend on them) back to the fields, into `out`, in the layout's order; zeros in rows that are not wanted.
+    Pulls the gradients of a number by the answers' c, internal forces, tau, Phi, margins (None: it does not depend on them) back to the fields, into `out`, in the layout's order; zeros in rows that are not wanted.
     """
 
 def kkt_solve(layout: object, packed: object, c: object, rhs: Annotated[NDArray[numpy.float64], dict(shape=(None, None), order='C', device='cpu', writable=False)]) -> Annotated[NDArray[numpy.float64], dict(shape=(None, None))]:
     """
-    Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + k, n), with the Hessian H of Phi at forces c, shape (m,), and the internal ones behind them, strictly inside every limit. Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get nu = 0.
+    Solves H d + W.T nu = g, W d = r for every column (g, r) of rhs, shape (m + r + k, n), with the Hessian H of Phi at forces c, shape (m,), and the internal ones behind them, strictly inside every limit. Contacts out of the grasp get d = 0; dependent rows of W need r in its range and get nu = 0.
     """
 
 def fields(layout: object) -> list[tuple[str, int, int, int]]:

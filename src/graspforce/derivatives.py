@@ -28,7 +28,6 @@ from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_array, require_instance, require_keywords
 from graspforce.batch import Batch, BatchProblems, available_cores
 from graspforce.equations import by_contact, stacked
-from graspforce.errors import InvalidInputError
 from graspforce.problem import SQUEEZE, all_limits, preload, with_bands, without_pulls
 from graspforce.solution import Solution
 
@@ -39,16 +38,16 @@ _SIGNS = np.array([1.0, -1.0, -1.0, -1.0])  # of D in g = Σ ± D_i y_i², Eq. (
 
 # Quantities that have derivatives, by the axis of a row.
 QUANTITIES = {
-    "c": ("m",), "tau": ("n_joints",), "phi": (), "friction_margins": ("n",),
-    "torque_margins": ("n_joints",),
+    "c": ("m",), "internal_forces": ("r",), "tau": ("n_joints",), "phi": (),
+    "friction_margins": ("n",), "torque_margins": ("n_joints",),
 }  # fmt: skip
 
 
 class Sensitivity:
     """Derivatives of one answer, or of every row of a batch; made by :func:`sensitivity`.
 
-    Quantities that are differentiated: ``c``, ``tau``, ``phi``, ``friction_margins``,
-    ``torque_margins``. Parameters: the fields of a :class:`graspforce.ForceProblem`, and ``mu`` and
+    Quantities that are differentiated: ``c``, ``internal_forces``, ``tau``, ``phi``,
+    ``friction_margins``, ``torque_margins``. Parameters: the fields of a :class:`graspforce.ForceProblem`, and ``mu`` and
     ``gamma``, of which frictionless contacts have none. Where a row is not SOLVED its derivatives
     are zero.
 
@@ -62,22 +61,19 @@ class Sensitivity:
     def __init__(
         self,
         problems: BatchProblems,
-        c: Array,
+        forces: Array,
         nu: Array,
         solved: NDArray[np.bool_],
         single: bool = False,
     ) -> None:
         self._nu, self._solved, self._single = nu, solved, single
         self._layout = layout = problems.layout
-        if layout.internals:
-            raise InvalidInputError(
-                "internal: got a problem with it, of which there are no derivatives yet; "
-                "expected one without"
-            )
         # The formulas are those of ordinary cones.
-        self._pulls = _Pulls(problems, c, solved) if layout.pulls else None
-        self._problems, self._c = (
-            (problems, c) if self._pulls is None else (self._pulls.problems, self._pulls.forces)
+        self._pulls = _Pulls(problems, forces, solved) if layout.pulls else None
+        self._problems, self._forces = (
+            (problems, forces)
+            if self._pulls is None
+            else (self._pulls.problems, self._pulls.forces)
         )
 
     @property
@@ -145,7 +141,7 @@ class Sensitivity:
             inner = self._pulls.needed(names)
         out = {name: np.empty((len(problems), *layout.slots[name].shape)) for name in inner}
         native.module.pull_back_batch(
-            layout, len(problems), _in_place(problems), np.ascontiguousarray(self._c),
+            layout, len(problems), _in_place(problems), np.ascontiguousarray(self._forces),
             np.ascontiguousarray(self._nu), self._solved.copy(),
             [given.get(name) for name in QUANTITIES], [out.get(name) for name in layout.slots],
             available_cores(),
@@ -186,7 +182,7 @@ class Sensitivity:
         return [slice(first, first + _ROWS_AT_ONCE) for first in starts]
 
     def _part(self, part: slice) -> _Rows:
-        return _Rows(self._problems[part], self._c[part], self._nu[part], self._solved[part])
+        return _Rows(self._problems[part], self._forces[part], self._nu[part], self._solved[part])
 
     def _names(self, given: Any) -> tuple[str, ...]:
         valid = [
@@ -222,17 +218,18 @@ class _Pulls:
 
     Attributes:
         problems: the ordinary ones.
-        forces: theirs, c + p, shape (B, m).
+        forces: theirs, c + p, and the internal ones, shape (B, m + r).
     """
 
-    def __init__(self, problems: BatchProblems, c: Array, solved: NDArray[np.bool_]) -> None:
+    def __init__(self, problems: BatchProblems, forces: Array, solved: NDArray[np.bool_]) -> None:
         layout, self._data = problems.layout, _harmless(problems.data(), solved)
         self._normals = np.cumsum((0, *layout.dims[:-1]))
         self._there = problems.active
-        self._shift = preload(layout, self._data)  # p
+        shift = preload(layout, self._data)
+        self._shift = shift[:, : sum(layout.dims)]  # p
         inner, fields = without_pulls(layout, self._data)
         self.problems = BatchProblems(inner, fields, len(problems))
-        self.forces = c + self._shift
+        self.forces = forces + shift
 
     def needed(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """The fields of the ordinary problem by which gradients are needed for those by `names`."""
@@ -299,10 +296,11 @@ class _Rows:
     """G rows with all that the formulas share."""
 
     def __init__(
-        self, problems: BatchProblems, c: Array, nu: Array, solved: NDArray[np.bool_]
+        self, problems: BatchProblems, forces: Array, nu: Array, solved: NDArray[np.bool_]
     ) -> None:
-        self.problems, self.c, self.nu, self.solved = problems, c, nu, solved
+        self.problems, self.forces, self.nu, self.solved = problems, forces, nu, solved
         self.layout = problems.layout
+        self.c = forces[:, : sum(self.layout.dims)]
         self.data = _harmless(self.problems.data(), self.solved)
         if not self.solved.all():
             self.nu = np.where(self.solved[:, None], self.nu, 0.0)
@@ -311,7 +309,7 @@ class _Rows:
         self.raised = self.data["c_max"] > given["c_max"]
         self.lowered = self.data["c_min"] < given["c_min"]
         self.A, self.b = all_limits(self.layout, self.data)
-        slack = equations.slacks(self.c, self.A, self.b)
+        slack = equations.slacks(self.forces, self.A, self.b)
         counted = np.ones(slack.shape, dtype=bool)
         for row in np.flatnonzero(~self.problems.active.all(axis=1)).tolist():
             counted[row] = self.problems[row].counted_limits()
@@ -340,13 +338,13 @@ class _Rows:
 
     def solve_kkt(self, top: Array, bottom: Array) -> tuple[Array, Array]:
         """Solve H x + W.T y = top, W x − F² y = bottom; zeros in rows without derivatives."""
-        m = self.c.shape[1]
+        forces = top.shape[1]
         x = np.concatenate((top, bottom), axis=1)
         native.module.kkt_solve_batch(
-            self.layout, len(x), _in_place(self.problems), np.ascontiguousarray(self.c),
+            self.layout, len(x), _in_place(self.problems), np.ascontiguousarray(self.forces),
             self.solved.copy(), x, available_cores(),
         )  # fmt: skip
-        return x[:, :m], x[:, m:]
+        return x[:, :forces], x[:, forces:]
 
     # ---- what follows from the answer and the data --------------------------------------------
 
@@ -359,7 +357,8 @@ class _Rows:
 
     def _upper_side(self) -> NDArray[np.bool_]:
         """Whether the upper limit is each joint torque's nearer one."""
-        tau = equations.joint_torques(self.c, self.data["J"], self.data["tau_bias"])
+        arms = np.concatenate((self.data["J"], self.data["internal"]), axis=1)
+        tau = equations.joint_torques(self.forces, arms, self.data["tau_bias"])
         return self.data["tau_hi"] - tau < tau - self.data["tau_lo"]
 
     def push_forward(self, change: Mapping[str, Array], of: tuple[str, ...]) -> list[Array]:
@@ -369,7 +368,7 @@ class _Rows:
         dD = self._cone_changes(d)
         i = self.inverse
         rows = np.swapaxes(self.A, 1, 2)
-        slack_change = db - _times(dA, self.c)
+        slack_change = db - _times(dA, self.forces)
         # ∂∇Phi, at fixed c
         top = d["alpha"][:, None] * _times(rows, i)
         top += self.alpha * (_times(np.swapaxes(dA, 1, 2), i) - _times(rows, i**2 * slack_change))
@@ -378,19 +377,25 @@ class _Rows:
         of_cones = self.cone_weight[..., None] * (dD - self.D * (dg * self.over_g)[..., None])
         if self.layout.cone_weights:
             of_cones = of_cones + d["cone_weight"][..., None] * self.D
-        top += stacked(bend * of_cones, self.layout.dims)
-        top = _times(np.swapaxes(d["W"], 1, 2), self.nu) - top
+        m = self.c.shape[1]
+        top[:, :m] += stacked(bend * of_cones, self.layout.dims)
+        top[:, :m] -= _times(np.swapaxes(d["W"], 1, 2), self.nu)
         bottom = d["f"] - _times(d["W"], self.c)
         if self.layout.soft_wrench:
             bottom = bottom - 2 * self.data["f_soft"] * d["f_soft"] * self.nu
-        dc, _ = self.solve_kkt(top, bottom)
+        moved, _ = self.solve_kkt(-top, bottom)
+        dc, dv = moved[:, :m], moved[:, m:]
         data, zero = self.data, ~self.solved
-        dtau = _times(np.swapaxes(data["J"], 1, 2), dc)
-        dtau = dtau + _times(np.swapaxes(d["J"], 1, 2), self.c) + d["tau_bias"]
+        dtau = d["tau_bias"]
+        for name, v, change_of_v in (("J", self.c, dc), ("internal", self.forces[:, m:], dv)):
+            dtau = dtau + _times(np.swapaxes(data[name], 1, 2), change_of_v)
+            dtau = dtau + _times(np.swapaxes(d[name], 1, 2), v)
         found: list[Array] = []
         for name in of:
             if name == "c":
                 value = dc
+            elif name == "internal_forces":
+                value = dv
             elif name == "tau":
                 value = dtau
             elif name == "phi":
@@ -412,7 +417,7 @@ class _Rows:
 
     def _phi_change(self, d: Mapping[str, Array], dD: Array, slack_change: Array) -> Array:
         """The change of Phi at fixed forces."""
-        i, c = self.inverse, self.c
+        i = self.inverse
         logs = -np.log(np.where(i > 0, i, 1.0)).sum(axis=1)  # Σ ln r
         value = -d["alpha"] * logs - (self.alpha * i * slack_change).sum(axis=1)
         dg = (dD * self.y**2).sum(axis=-1)
@@ -421,7 +426,7 @@ class _Rows:
             value = value - (d["cone_weight"] * np.log(self.g)).sum(axis=1)
         if self.layout.soft_wrench:
             soft = (1 - self.exact) * self.nu
-            value = value + (soft * (d["f"] - _times(d["W"], c))).sum(axis=1)
+            value = value + (soft * (d["f"] - _times(d["W"], self.c))).sum(axis=1)
             value = value - (self.data["f_soft"] * d["f_soft"] * soft**2).sum(axis=1)
         return value
 
@@ -431,7 +436,17 @@ class _Rows:
         zero = {name: np.zeros(value.shape) for name, value in data.items()}
         fields = zero | {
             name: d[name]
-            for name in ("J", "tau_lo", "tau_hi", "tau_bias", "c_last", "dc_max", "A", "b")
+            for name in (
+                "J",
+                "internal",
+                "tau_lo",
+                "tau_hi",
+                "tau_bias",
+                "c_last",
+                "dc_max",
+                "A",
+                "b",
+            )
         }
         bounds = {name: d[name] for name in ("c_max", "c_min")}
         if self.layout.ceilings and self.layout.floors:
@@ -490,13 +505,14 @@ def sensitivity(answer: Solution | Batch) -> Sensitivity:
         answer: what :func:`graspforce.solve` or :func:`graspforce.solve_batch` returned.
 
     Raises:
-        InvalidInputError: something else; a problem with ``internal``.
+        InvalidInputError: something else.
     """
     require_instance(answer, "answer", Solution | Batch, "a Solution or a Batch")
     if isinstance(answer, Batch):
-        return Sensitivity(answer.problems, answer.c, answer.nu, answer.solved)
+        return Sensitivity(answer.problems, answer.found.forces, answer.nu, answer.solved)
     problem = answer.problem
     fields = {name: view[None] for name, view in problem.layout.views(problem.packed).items()}
     problems = BatchProblems(problem.layout, fields, 1)
     solved = np.array([answer.status is Status.SOLVED])
-    return Sensitivity(problems, answer.c[None], answer.nu[None], solved, single=True)
+    forces = np.append(answer.c, answer.internal_forces)[None]
+    return Sensitivity(problems, forces, answer.nu[None], solved, single=True)

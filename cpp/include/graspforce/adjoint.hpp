@@ -6,7 +6,8 @@
 //     −x·∇Phi(c) + x·Wᵀ nu + y·(f − W c)
 //
 // by p with x, y, c and nu held, and beside it what L depends on p by itself. All contacts count by
-// the cone g = Σ ±(w y)² of Eq. (11), all linear limits as rows a·c ≤ b.
+// the cone g = Σ ±(w y)² of Eq. (11), all linear limits as rows a·c ≤ b. Behind c and x stand the
+// internal forces of the motors, which only the torques feel.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +21,7 @@ namespace graspforce {
 
 // Gradients of L by what an answer is judged by; null where it does not depend on it.
 struct AnswerGradients {
-  const double *c = nullptr, *tau = nullptr, *phi = nullptr;
+  const double *c = nullptr, *internal_forces = nullptr, *tau = nullptr, *phi = nullptr;
   const double *friction_margins = nullptr, *torque_margins = nullptr;
 };
 
@@ -35,16 +36,18 @@ class Adjoint {
         x_tau_(layout.joints),
         counted_(layout.joints) {}
 
-  // The right-hand side of the KKT system, g (m) then r = 0 (k). Here begins a row: `to` are the
-  // gradients by its answer, `out` its fields' gradients, null where nobody wants them.
+  // The right-hand side of the KKT system, g (m + r) then r = 0 (k). Here begins a row: `to` are
+  // the gradients by its answer, `out` its fields' gradients, null where nobody wants them.
   void begin(const Problem& p, const double* c, const AnswerGradients& to,
              const Fields<double*>& out, double* rhs) {
-    Fields<double*> sums = out;  // W and J are written at once, at the end
-    sums.W = sums.J = nullptr;
+    Fields<double*> sums =
+        out;  // matrices of equations and torques are written at once, at the end
+    sums.W = sums.J = sums.internal = nullptr;
     clear(sums);
     const int m = layout_.components();
-    std::fill_n(rhs, m + layout_.wrench_rows, 0.0);
+    std::fill_n(rhs, force_count(layout_) + layout_.wrench_rows, 0.0);
     if (to.c != nullptr) std::copy_n(to.c, m, rhs);
+    if (to.internal_forces != nullptr) std::copy_n(to.internal_forces, layout_.internals, rhs + m);
     if (to.tau != nullptr || to.torque_margins != nullptr) add_torques(p, c, to, rhs);
     if (to.friction_margins != nullptr) add_friction_margins(p, c, to, out, rhs);
   }
@@ -85,30 +88,45 @@ class Adjoint {
       work(i, first, int(layout_.models[i]));
   }
 
-  // Which joints' limits count: those that move a contact in the grasp; all where all are in it.
-  void find_counted(const Problem& p) {
-    bool whole = true;
-    for (int i = 0; i < layout_.contacts(); ++i) whole &= p.in_grasp(i);
-    std::fill(counted_.begin(), counted_.end(), whole);
-    if (whole) return;
-    each_contact([&](int i, int first, int dim) {
-      for (int d = first; d < first + dim && p.in_grasp(i); ++d)
-        for (int j = 0; j < layout_.joints; ++j)
-          if (p.J[d * layout_.joints + j] != 0) counted_[j] = true;
-    });
+  // Calls work(force, its arms at the joints): the contacts' forces, then the internal ones.
+  template <class Work>
+  void each_force(const Problem& p, Work work) const {
+    const int m = layout_.components(), joints = layout_.joints;
+    for (int i = 0; i < m; ++i) work(i, p.J + std::ptrdiff_t(i) * joints);
+    for (int i = 0; i < layout_.internals; ++i)
+      work(m + i, p.internal + std::ptrdiff_t(i) * joints);
   }
 
-  // The joints' torques of forces c, and Jᵀ x.
+  // Which joints' limits count: not those that feel contacts, but none in the grasp.
+  void find_counted(const Problem& p) {
+    std::fill(counted_.begin(), counted_.end(), true);
+    bool whole = true;
+    for (int i = 0; i < layout_.contacts(); ++i) whole &= p.in_grasp(i);
+    if (whole) return;
+    const auto mark = [&](const double* arms, bool counts) {
+      for (int j = 0; j < layout_.joints; ++j)
+        if (arms[j] != 0) counted_[j] = counts;
+    };
+    for (bool in_grasp : {false, true})
+      each_contact([&](int i, int first, int dim) {
+        for (int d = first; d < first + dim && p.in_grasp(i) == in_grasp; ++d)
+          mark(p.J + d * layout_.joints, in_grasp);
+      });
+    for (int i = 0; i < layout_.internals; ++i) mark(p.internal + i * layout_.joints, true);
+  }
+
+  // The joints' torques of the forces c, and of x alone.
   void find_torques(const Problem& p, const double* c, const double* x) {
     const int joints = layout_.joints;
     double* const __restrict tau = tau_.data(), * const __restrict x_tau = x_tau_.data();
     std::copy_n(p.tau_bias, joints, tau);
     std::fill_n(x_tau, joints, 0.0);
-    for (int i = 0; i < layout_.components(); ++i)
+    each_force(p, [&](int i, const double* arms) {
       for (int j = 0; j < joints; ++j) {
-        tau[j] += p.J[i * joints + j] * c[i];
-        x_tau[j] += p.J[i * joints + j] * x[i];
+        tau[j] += arms[j] * c[i];
+        x_tau[j] += arms[j] * x[i];
       }
+    });
   }
 
   // The gradient of L by a torque itself, and whether the upper limit is the nearer one.
@@ -125,8 +143,9 @@ class Adjoint {
     const int joints = layout_.joints;
     find_torques(p, c, c);
     for (int j = 0; j < joints; ++j) to_tau_[j] = by_torque(p, to, j).first;
-    for (int i = 0; i < layout_.components(); ++i)
-      for (int j = 0; j < joints; ++j) to_c[i] += p.J[i * joints + j] * to_tau_[j];
+    each_force(p, [&](int i, const double* arms) {
+      for (int j = 0; j < joints; ++j) to_c[i] += arms[j] * to_tau_[j];
+    });
   }
 
   // Of mu n − ‖w t‖.
@@ -202,11 +221,17 @@ class Adjoint {
       add(out.tau_lo, j, -lo.by_b - (upper ? 0 : margin));
       add(out.tau_bias, j, along_c_[j]);
     }
-    if (out.J == nullptr) return;
+    const int m = layout_.components();
+    add_arms(c, x, m, out.J);
+    add_arms(c + m, x + m, layout_.internals, out.internal);
+  }
+
+  // The gradient by the arms of some forces, of which these are the c and x.
+  void add_arms(const double* c, const double* x, int count, double* __restrict to) const {
+    if (to == nullptr) return;
     const double *const along_c = along_c_.data(), *const along_x = along_x_.data();
-    double* __restrict to_J = out.J;
-    for (int i = 0; i < layout_.components(); ++i)
-      for (int j = 0; j < joints; ++j) *to_J++ = along_c[j] * c[i] + along_x[j] * x[i];
+    for (int i = 0; i < count; ++i)
+      for (int j = 0; j < layout_.joints; ++j) *to++ = along_c[j] * c[i] + along_x[j] * x[i];
   }
 
   void add_normal_limits(const Problem& p, const double* c, double phi, const double* x,
@@ -251,15 +276,16 @@ class Adjoint {
     for (int r = 0; r < layout_.inequalities; ++r) {
       const double* a = p.A + r * m;
       double at_c = 0, at_x = 0;
-      bool counts = false;
+      bool touches = false, counts = false;
       each_contact([&](int contact, int first, int dim) {
         for (int i = first; i < first + dim; ++i) {
           at_c += a[i] * c[i];
           at_x += a[i] * x[i];
+          touches |= a[i] != 0;
           counts |= a[i] != 0 && p.in_grasp(contact);
         }
       });
-      if (!counts) continue;
+      if (touches && !counts) continue;
       const Limit row = limit(p.b[r] - at_c, at_x, *p.alpha, phi, alpha);
       add(out.b, r, row.by_b);
       for (int i = 0; i < m && out.A != nullptr; ++i)
@@ -296,7 +322,7 @@ class Adjoint {
   const Layout& layout_;
   std::vector<double> tau_, to_tau_;       // joint torques; the gradient by them
   std::vector<double> along_c_, along_x_;  // of the gradient by a joint's column of J
-  std::vector<double> x_tau_;              // Jᵀ x
+  std::vector<double> x_tau_;              // the torques of x
   std::vector<unsigned char> counted_;     // joints
 };
 

@@ -59,18 +59,19 @@ class KktWorker {
 
   const BatchRows& rows_;
   const BatchOptima& optima_;
-  const std::ptrdiff_t line_ = rows_.layout.components() + rows_.layout.wrench_rows;
   const std::ptrdiff_t forces_ = force_count(rows_.layout);
+  const std::ptrdiff_t line_ = forces_ + rows_.layout.wrench_rows;
   LanesFor lanes_;
   std::optional<Factor> factor_;  // made for the first row that needs it
   std::vector<double> packed_;
 };
 
-// Solves the KKT systems of all rows in place; x is count × (m + k). False where `poll` said stop.
+// Solves the KKT systems of all rows in place; x is count × (m + r + k). False where `poll` said
+// stop.
 template <class Poll>
 bool solve_batch_kkt(const BatchRows& rows, const BatchOptima& optima, double* x, int threads,
                      Poll poll) {
-  const std::ptrdiff_t line = rows.layout.components() + rows.layout.wrench_rows;
+  const std::ptrdiff_t line = force_count(rows.layout) + rows.layout.wrench_rows;
   auto make = [&](int) {
     return [&, solve = std::make_unique<KktWorker>(rows, optima)](std::ptrdiff_t begin,
                                                                   std::ptrdiff_t end, auto) {
@@ -82,14 +83,14 @@ bool solve_batch_kkt(const BatchRows& rows, const BatchOptima& optima, double* x
 
 // Gradients of L by the answers, of steps as in Column; those of the fields, side by side.
 struct BatchGradients {
-  Column c, tau, phi, friction_margins, torque_margins;
+  Column c, internal_forces, tau, phi, friction_margins, torque_margins;
   Fields<double*> fields;  // null where nobody wants them
 
   AnswerGradients of_answer(std::ptrdiff_t row) const {
     const auto at = [row](Column column) {
       return column.first == nullptr ? nullptr : column.first + row * column.step;
     };
-    return {at(c), at(tau), at(phi), at(friction_margins), at(torque_margins)};
+    return {at(c), at(internal_forces), at(tau), at(phi), at(friction_margins), at(torque_margins)};
   }
   Fields<double*> of_fields(const Layout& l, std::ptrdiff_t row) const {
     Fields<double*> out;
@@ -106,13 +107,12 @@ struct BatchGradients {
 template <class Poll>
 bool pull_back_batch(const BatchRows& rows, const BatchOptima& optima,
                      const BatchGradients& gradients, int threads, Poll poll) {
-  const std::ptrdiff_t m = rows.layout.components(), k = rows.layout.wrench_rows;
-  const std::ptrdiff_t forces = force_count(rows.layout);
+  const std::ptrdiff_t forces = force_count(rows.layout), k = rows.layout.wrench_rows;
   struct Work {
     Work(const BatchRows& rows, const BatchOptima& optima)
         : solve(rows, optima),
           adjoint(rows.layout),
-          x(std::size_t(kRowsAtOnce) * (rows.layout.components() + rows.layout.wrench_rows)) {}
+          x(std::size_t(kRowsAtOnce) * (force_count(rows.layout) + rows.layout.wrench_rows)) {}
     KktWorker solve;
     Adjoint adjoint;
     std::vector<double> x;
@@ -123,7 +123,7 @@ bool pull_back_batch(const BatchRows& rows, const BatchOptima& optima,
       double* const x = work->x.data();
       const auto each = [&](auto what) {
         for (std::ptrdiff_t row = begin; row < end; ++row)
-          what(row, x + (row - begin) * (m + k), gradients.of_fields(rows.layout, row));
+          what(row, x + (row - begin) * (forces + k), gradients.of_fields(rows.layout, row));
       };
       each([&](std::ptrdiff_t row, double* side, const Fields<double*>& out) {
         if (optima.wanted[row])
@@ -136,7 +136,7 @@ bool pull_back_batch(const BatchRows& rows, const BatchOptima& optima,
       each([&](std::ptrdiff_t row, double* side, const Fields<double*>& out) {
         if (optima.wanted[row])
           work->adjoint.end(rows.problem(row), optima.c + row * forces, optima.nu + row * k,
-                            gradients.of_answer(row), side, side + m, out);
+                            gradients.of_answer(row), side, side + forces, out);
         else
           work->adjoint.clear(out);
       });

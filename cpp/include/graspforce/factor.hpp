@@ -70,19 +70,21 @@ class Factor {
     return true;
   }
 
-  // Solves in place for `columns` right-hand sides that stand beside each other in the m + k rows
-  // of x: (g, r) becomes (d, ν). Contacts out of the grasp get d = 0 whatever their g. Where W has
-  // dependent rows each r has to lie in its range; ν is then zero in the rows that depend on the
-  // others, whose r is not looked at. Internal forces follow, with g = 0.
+  // Solves in place for `columns` right-hand sides that stand beside each other in the rows of x,
+  // those of the m forces, of the internal ones behind them, and of the k of W: (g, r) becomes
+  // (d, ν). Contacts out of the grasp get d = 0 whatever their g. Where W has dependent rows each r
+  // has to lie in its range; ν is then zero in the rows that depend on the others, whose r is not
+  // looked at.
   void solve(double* x, int columns) {
     const DefaultFloatingPoint environment;
     const std::size_t width = columns;
-    double* const wrench = x + layout_.components() * width;
+    const int forces = force_count(layout_);
+    double* const wrench = x + forces * width;
     for (int column = 0; column < columns; ++column) {
       each_component([&](int c, double& g, double&) { g = x[c * width + column]; });
       for (int r = 0; r < blocks_.k(); ++r) r_[r] = wrench[blocks_.row(r) * width + column];
       least_squares_.solve(g_.data(), r_.data(), d_.data(), nu_.data());
-      for (int c = 0; c < layout_.components(); ++c) x[c * width + column] = 0;
+      for (int c = 0; c < forces; ++c) x[c * width + column] = 0;
       for (int r = 0; r < layout_.wrench_rows; ++r) wrench[r * width + column] = 0;
       each_component([&](int c, double&, double& d) { x[c * width + column] = d; });
       for (int r = 0; r < blocks_.k(); ++r) wrench[blocks_.row(r) * width + column] = nu_[r];
@@ -90,14 +92,14 @@ class Factor {
   }
 
  private:
-  // Calls work(component in the problem, its g, its d), block after block. The g of internal forces
-  // and of the slacks of a soft wrench, which come after the blocks, stays zero.
+  // Calls work(component in the problem, its g, its d), block after block. The g of the slacks of a
+  // soft wrench, which come after the blocks, stays zero.
   template <class Work>
   void each_component(Work work) {
     std::size_t next = 0;
     for (const BlockData& part : blocks_.parts())
       for (int component : part.components) {
-        if (component < layout_.components()) work(component, g_[next], d_[next]);
+        work(component, g_[next], d_[next]);
         ++next;
       }
   }

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from graspforce._engine import native
 from graspforce._engine.outcome import Status
+from graspforce.cli.process import keep_freed_memory
 from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, status_words
 from graspforce.columns import Columns
 from graspforce.errors import InvalidInputError, error_context
@@ -80,6 +81,7 @@ def solve(
         if value is not None
     }
     settings = Settings(tol=tol)
+    keep_freed_memory()
     if out is not None:
         files.check_output(out)
         if os.path.realpath(out) == os.path.realpath(file):

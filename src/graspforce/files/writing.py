@@ -139,10 +139,7 @@ def _write_csv(path: Path, table: _Table) -> None:
 
 
 def _write_npz(path: Path, table: _Table) -> None:
-    arrays: dict[str, Any] = {
-        name: np.array(texts, dtype=np.str_) for name, texts in table.texts.items()
-    }
-    arrays |= table.numbers
+    arrays: dict[str, Any] = {**table.texts, **table.numbers}
     for name, (stack, lengths) in table.stacks().items():
         arrays |= {name: stack, f"{name}_length": lengths}
     write_npz(path, arrays)

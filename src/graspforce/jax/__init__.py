@@ -31,6 +31,7 @@ except ModuleNotFoundError as error:
 from graspforce._array_solve import (
     axes_of,
     gather,
+    internals,
     one_for_all,
     pull_back,
     shapes_of,
@@ -109,7 +110,7 @@ def solve(
     static = _Static(tuple(fields), dims, settings)
     over = [value.ndim > axes_of(name) for name, value in zip(fields, arrays, strict=True)]
     if not any(over):
-        return Forces(*_solve(static, *arrays))
+        return _of_contacts(static, _solve(static, *arrays))
     lengths = {len(value) for value, has in zip(arrays, over, strict=True) if has} - {1}
     if len(lengths) > 1:
         shapes = {name: value.shape for name, value in zip(fields, arrays, strict=True)}
@@ -123,7 +124,14 @@ def solve(
         0 if value.ndim > axes_of(name) else None
         for name, value in zip(fields, arrays, strict=True)
     ]
-    return Forces(*_jax.vmap(partial(_solve, static), in_axes=axes)(*arrays))
+    return _of_contacts(static, _jax.vmap(partial(_solve, static), in_axes=axes)(*arrays))
+
+
+def _of_contacts(static: _Static, found: tuple[Any, Any, Any]) -> Forces:
+    """Leave out the internal forces behind c."""
+    forces, tau, status = found
+    m = sum(static.dims)
+    return Forces(forces if forces.shape[-1] == m else forces[..., :m], tau, status)
 
 
 def _require_one_kind(fields: Mapping[str, Any]) -> None:
@@ -159,7 +167,7 @@ def _whole(value: Any, name: str, shape: tuple[int, ...]) -> Any:
 
 @partial(_jax.custom_vjp, nondiff_argnums=(0,))
 def _solve(static: _Static, *arrays: Any) -> tuple[Any, Any, Any]:
-    """c, tau and status of one problem."""
+    """Forces, the internal ones behind c, tau and status of one problem."""
     c, tau, _, status = _call(static, arrays)
     return c, tau, status
 
@@ -192,9 +200,10 @@ _solve.defvjp(_forward, _backward)
 def _call(static: _Static, arrays: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
     by_name = dict(zip(static.names, arrays, strict=True))
     k, m = by_name["W"].shape
+    forces = m + internals(by_name)
     joints = by_name["J"].shape[1] if "J" in by_name else 0
     kind = by_name["W"].dtype
-    shapes = [_jax.ShapeDtypeStruct((size,), kind) for size in (m, joints, k)]
+    shapes = [_jax.ShapeDtypeStruct((size,), kind) for size in (forces, joints, k)]
     shapes.append(_jax.ShapeDtypeStruct((), np.int32))
 
     def on_host(*each: Any) -> tuple[Any, ...]:
@@ -253,7 +262,7 @@ def _pull_back_on_host(static: _Static, *arrays: Any) -> list[Any]:
         for name, value in fields.items()
     }
     found = pull_back(
-        by_row, static.dims, (rows[2], rows[3], solved), {"c": rows[0], "tau": rows[1]},
+        by_row, static.dims, (rows[2], rows[3], solved), (rows[0], rows[1]),
         static.names,
     )  # fmt: skip
     return [

@@ -29,6 +29,7 @@ except ModuleNotFoundError as error:
 from graspforce._array_solve import (
     axes_of,
     gather,
+    internals,
     one_for_all,
     pull_back,
     shapes_of,
@@ -95,7 +96,7 @@ def solve(
     c, tau, _, status = _solve_op(
         tensors, ",".join(fields), list(dims), settings.tol, settings.max_steps
     )
-    c, tau = c.to(kind), tau.to(kind)
+    c, tau = c[:, : W.shape[-1]].to(kind), tau.to(kind)
     return Forces(c, tau, status) if many else Forces(c[0], tau[0], status[0])
 
 
@@ -182,7 +183,7 @@ def _solve_shapes(
     W = by_name["W"]
     joints = by_name["J"].shape[-1] if "J" in by_name else 0
     return (
-        W.new_empty((B, W.shape[-1])), W.new_empty((B, joints)), W.new_empty((B, W.shape[-2])),
+        W.new_empty((B, W.shape[-1] + internals(by_name))), W.new_empty((B, joints)), W.new_empty((B, W.shape[-2])),
         W.new_empty((B,), dtype=_torch.int32),
     )  # fmt: skip
 
@@ -208,7 +209,7 @@ def _backward_op(
         arrays,
         dims,
         (forces, multipliers, status.numpy() == Status.SOLVED),
-        {"c": by_c, "tau": by_tau},
+        (by_c, by_tau),
         tuple(wanted.split(",")),
     )
     return [_torch.tensor(found[name]).to(tensors[name].dtype) for name in wanted.split(",")]
