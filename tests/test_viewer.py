@@ -293,7 +293,7 @@ def test_a_scene_is_run_while_nothing_else_is_to_do_and_scrubbed():
     assert not subject.busy
     knobs = subject.knobs.changed(time=0.02)
     subject.moment(knobs)
-    while len(subject._ticks) < 30:
+    while len(subject._scene(0).source._ticks) < 30:
         assert subject.busy
         subject.work(0.05)
     moment = subject.moment(knobs)

@@ -23,12 +23,13 @@ from graspforce.viewer.moment import Body, Moment, Pose, Subject
 from graspforce.viewer.problems import Answer
 
 # Sizes as shares of the object's [-].
-_CONE, _JOINT, _FRAME, _LABEL = 0.5, 0.1, 0.11, 0.12
+_CONE, _JOINT, _FRAME, _LABEL, _PATCH = 0.5, 0.1, 0.11, 0.12, 0.3
 _ARROW, _LONGEST = 0.75, 2.0  # of the longest arrow, at first and at most
 _SHAFT, _HEAD, _HEAD_LENGTH = 0.02, 0.05, 0.13
 # From where the camera looks at first, and how far off, in radii of what there is to see.
 _VIEW = np.array([-0.56, -0.73, 0.39])
 _DISTANCE = 2.0
+_FARTHEST = 4.0  # what is that many times the object's size away, as an arm, is not aimed at
 _CONE_OPACITY = 0.45
 
 
@@ -51,6 +52,7 @@ def aim(camera: Any, subject: Subject) -> None:
         if pose is not None and body.role != "ground":
             places = pose.position + body.vertices @ pose.rotation.T - subject.centre
             radius = max(radius, float(np.linalg.norm(places, axis=1).max()))
+    radius = min(radius, _FARTHEST * subject.size)
     camera.position = tuple(subject.centre + _DISTANCE * radius * _VIEW)
     camera.look_at = tuple(subject.centre)
     camera.near, camera.far = subject.size / 50, subject.size * 500
@@ -321,8 +323,11 @@ class _Contacts:
         if other is not None:
             self._others.points = _arrows(points, scale * other, at_head=True)
         sizes = np.linalg.norm(forces, axis=1)
+        # Of points of one patch the one with the largest force has the label.
+        near = np.linalg.norm(points[:, None] - points, axis=2) < _PATCH * self._size
+        behind = near & (sizes[None] > sizes[:, None]) & (here > 0)[None]
         for i, label in enumerate(self._labels):
-            label.visible = bool(here[i])
+            label.visible = bool(here[i]) and not behind[i].any()
             label.text = f"{sizes[i]:.2f} N"
             away = -normals[i] if sizes[i] == 0 else -forces[i] / sizes[i]
             label.position = points[i] + (scale * sizes[i] + _LABEL * self._size) * away

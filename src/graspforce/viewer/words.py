@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from graspforce.answers.wishes import slip_reserves
 from graspforce.viewer import colours
 from graspforce.viewer.moment import Moment
 from graspforce.viewer.problems import Answer
+
+if TYPE_CHECKING:
+    from graspforce.viewer.timeline import Forces
 
 _TABLE = (
     'style="border-collapse:collapse;width:calc(100% - 1.2em);margin:0 .6em;font-size:0.8em;'
@@ -129,6 +134,27 @@ def listing(rows: list[tuple[str, str, float]]) -> str:
     return (
         f'<div class="gf-list" style="max-height:16em;overflow:auto;margin:0 .6em">'
         f"<table {_TABLE}><tr><th></th>{_heads(('status', 'margin [N]'))}</tr>{lines}</table></div>"
+    )
+
+
+def jumps(found: Sequence[Forces], fingers: Sequence[str]) -> str:
+    """Return how often the forces of each method jump from a tick to the next, and how far."""
+    said: list[str] = []
+    most = max(each.largest for each in found)
+    for each in found:
+        ticks, changes = each.jumps(most), each.changes()
+        if not len(ticks):
+            said.append(f"{escape(each.method)}: none")
+            continue
+        tick, finger = np.unravel_index(int(changes.argmax()), changes.shape)
+        largest = number(float(changes[tick, finger]), "N")
+        said.append(
+            f"{escape(each.method)}: {len(ticks)}, the largest {largest} of "
+            f"{escape(fingers[int(finger)])} at {each.times[tick + 1]:.3f} s"
+        )
+    return (
+        f'<div class="gf-jumps" style="font-size:0.8em;margin:0 .8em">Jumps from tick to tick: '
+        f"{'; '.join(said)}</div>"
     )
 
 

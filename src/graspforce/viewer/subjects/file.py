@@ -27,7 +27,7 @@ class FileSubject:
         grasps: at least one.
     """
 
-    controls = frozenset({"tilt", "heading"})
+    controls = frozenset({"tilt", "heading", "list"})
     load_unit = "times"
     busy = False
     fingers: tuple[str, ...] = ()
@@ -54,6 +54,10 @@ class FileSubject:
     def bodies(self, knobs: Knobs) -> tuple[Body, ...]:
         """Return the hulls of all grasps' contacts."""
         return self._bodies
+
+    def alpha_of(self, item: int) -> float:
+        """Return the alpha that the file gives a grasp."""
+        return self.problems[item].alpha
 
     def work(self, seconds: float) -> None:
         """There is nothing to compute beforehand."""

@@ -84,6 +84,10 @@ class HandSubject:
         """Return hand and object."""
         return (*self._drawing.bodies, self._object(knobs.shape, knobs.size))
 
+    def alpha_of(self, item: int) -> float:
+        """Return the alpha of the only grasp."""
+        return self.knobs.alpha
+
     def work(self, seconds: float) -> None:
         """There is nothing to compute beforehand."""
 
