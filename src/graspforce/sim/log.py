@@ -116,11 +116,11 @@ class Log:
         return cls(
             t=zeros(), qpos=zeros(nq), position=zeros(3), quaternion=zeros(4),
             target_position=zeros(3), position_error=zeros(), rotation_error=zeros(), yaw=zeros(),
-            f=zeros(6), engagement=zeros(n), force=zeros(n, 3), normal_force=zeros(n), point=zeros(n, 3),
-            normal=zeros(n, 3), clearance=zeros(n), tau=zeros(len(tau_max)), tau_max=tau_max,
-            slip=zeros(n), c=np.empty((0, 3 * n)), newton_steps=np.empty(0, np.int64),
-            status=np.empty(0, np.int64), kept=np.zeros(ticks, dtype=bool),
-            without_slot=np.zeros(ticks, np.int64),
+            f=zeros(6), engagement=zeros(n), force=zeros(n, 3), normal_force=zeros(n),
+            point=zeros(n, 3), normal=zeros(n, 3), clearance=zeros(n), tau=zeros(len(tau_max)),
+            tau_max=tau_max, slip=zeros(n), c=np.empty((0, 3 * n)),
+            newton_steps=np.empty(0, np.int64), status=np.empty(0, np.int64),
+            kept=np.zeros(ticks, dtype=bool), without_slot=np.zeros(ticks, np.int64),
         )  # fmt: skip
 
     def ended(self, ticks: int, ending: Ending, message: str) -> Log:

@@ -187,7 +187,7 @@ class AnyHand:
 
     @property
     def alpha(self) -> float | None:
-        """Weight of the linear limits; None before the first tick where the trial leaves it open."""
+        """Weight of the linear limits; None before the first tick where the trial has none."""
         return self.loop.alpha
 
     @property
@@ -309,12 +309,12 @@ class _DisturbanceModel:
             sway = np.sin(phase) * np.array(disturbance.shake)
             self._world.model.opt.gravity[:] = self._gravity - sway
         if disturbance.pushes:
-            force = np.zeros(3)
+            wrench = np.zeros(6)
             for push in disturbance.pushes:
                 s = (t - push.start) / push.duration
                 if 0 <= s <= 1:
-                    force += np.sin(np.pi * s) * np.array(push.force)
-            self._world.push(force)
+                    wrench[:3] += np.sin(np.pi * s) * np.array(push.force)
+            self._world.push(wrench)
 
     def set_friction(self, factor: float) -> None:
         """Let the physics have so many times the friction that the controller knows of."""

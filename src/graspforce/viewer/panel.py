@@ -299,10 +299,17 @@ class Panel:
                     gui.add_vector3(
                         "Push [N]", knobs.push, step=0.05,
                         hint="a force on the object beside its weight; also by dragging the "
-                        "object",
+                        "object, with Shift at the point where it is taken hold of",
                     ),
                     lambda value: {"push": value}, lambda knobs: knobs.push,
                 )  # fmt: skip
+                self._bind(
+                    gui.add_vector3(
+                        "Twist [N·m]", knobs.twist, step=0.001, hint="a torque on the object"
+                    ),
+                    lambda value: {"twist": value},
+                    lambda knobs: knobs.twist,
+                )
             if self._has("tilt"):
                 self._slide("Gravity tilted [°]", "tilt", 0.0, 180.0, 1.0)
                 self._slide("towards [°]", "heading", -180.0, 180.0, 1.0)

@@ -80,14 +80,12 @@ class Loop:
     """
 
     def __init__(self, trial: Trial, disturbed: bool = True) -> None:
-        self._start = (
-            trial if disturbed else dataclasses.replace(trial, disturbance=Disturbance())
-        )
+        self._start = trial if disturbed else dataclasses.replace(trial, disturbance=Disturbance())
         self.reset()
 
     def reset(self) -> None:
         """Begin again."""
-        self._trial, self._push = self._start, np.zeros(3)
+        self._trial, self._applied = self._start, np.zeros(6)
         with silenced_warnings():
             self._side = closed(self._trial)
             self._pose = self._side.world.pose()
@@ -115,8 +113,8 @@ class Loop:
         tau = side.disturbance.delayed(command.tau)
         for _ in range(trial.substeps):
             side.disturbance.apply(world.data.time)
-            if self._push.any():
-                world.push(self._push)
+            if not trial.disturbance.pushes:
+                world.push(self._applied)
             side.step(tau)
             if world.failure():
                 self.ended = world.failure()
@@ -144,17 +142,15 @@ class Loop:
                     break
         return (self._ticks - first) / self._trial.rate
 
-    def set(self, alpha: float, friction: float, push: Array) -> None:
+    def set(self, alpha: float, friction: float, applied: Array) -> None:
         """Set what the page can change between ticks.
 
         Args:
             alpha: of the controller.
             friction: factor on the friction of the physics, which the controller does not know.
-            push: force on the object's centre, shape (3,) [N].
+            applied: on the object's centre, [force; torque], shape (6,) [N, N·m].
         """
-        if self._push.any() and not push.any():
-            self._side.world.push(push)
-        self._push = push
+        self._applied = applied
         self._side.disturbance.set_friction(friction)
         if alpha != self.alpha:
             self._change(alpha=alpha)

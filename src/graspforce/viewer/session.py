@@ -26,7 +26,7 @@ from graspforce.errors import GraspForceError, InvalidInputError
 from graspforce.solution import Solution
 from graspforce.solve import solve
 from graspforce.viewer import export, words
-from graspforce.viewer.knobs import Knobs, rotation
+from graspforce.viewer.knobs import RANGES, Knobs, rotation
 from graspforce.viewer.moment import Moment, Subject
 from graspforce.viewer.panel import Panel
 from graspforce.viewer.problems import Answer, answer
@@ -179,9 +179,12 @@ class Session:
         picked = subject.pick(self._knobs, origin, direction, self._panel.next_finger)
         self.turn(picks=picked.picks)
 
-    def _pull(self, force: Array, over: bool) -> None:
-        push = np.zeros(3) if over and self._loop is not None else np.clip(force, -1e3, 1e3)
-        self.turn(push=tuple(push.tolist()))
+    def _pull(self, wrench: Array, over: bool) -> None:
+        if over and self._loop is not None:
+            wrench = np.zeros(6)
+        most = [RANGES[each].high for each in ("push", "twist") for _ in range(3)]
+        x, y, z, *twist = np.clip(wrench, np.negative(most), most).tolist()
+        self.turn(push=(x, y, z), twist=tuple(twist))
 
     def _do(self, task: Callable[[], Any]) -> None:
         self._tasks.append(task)
@@ -235,7 +238,7 @@ class Session:
         seconds = self._panel.speed * min(seconds, 0.2)
         if self._loop is not None:
             knobs = self._knobs
-            self._loop.set(knobs.alpha, knobs.friction, np.array(knobs.push))
+            self._loop.set(knobs.alpha, knobs.friction, knobs.applied)
             done = self._loop.advance(seconds, _BUDGET)
             share = done / seconds if seconds > 0 else 0.0
             self._panel.pace.content = words.pace(self._loop.tick.t, share, self._loop.ended)
@@ -276,7 +279,7 @@ class Session:
 
     def _show(self, moment: Moment, found: Answer | None, knobs: Knobs, other: Any) -> None:
         bodies = self._subject.bodies(knobs)
-        self._scene.show(bodies, moment, found, other, push=np.array(knobs.push))
+        self._scene.show(bodies, moment, found, other, applied=knobs.applied)
 
     def _explain(self, moment: Moment, found: Answer, knobs: Knobs) -> None:
         """Say why there are no forces, paint what binds, offer what would help."""
@@ -288,7 +291,7 @@ class Session:
         with self._client.atomic():
             self._scene.show(
                 self._subject.bodies(knobs), moment, found, None, known.binding,
-                np.array(knobs.push),
+                knobs.applied,
             )  # fmt: skip
             self._panel.show(moment, found, words.verdict(moment, found, known))
             self._panel.offer(offers)

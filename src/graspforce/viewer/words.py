@@ -105,8 +105,11 @@ def legend() -> str:
     """Return what the colours and shapes of the scene mean."""
     lines = [
         (_dots(colours.FINGERS), "arrows: the force of each finger on the object, ending at it"),
-        (_dot(colours.WANTED), "arrow: the force that the fingers together shall exert"),
-        (_dot(colours.PUSH), "arrow: the push on the object beside its weight"),
+        (
+            _dot(colours.WANTED),
+            "arrow: the wrench that the fingers together shall exert; thin: its torque",
+        ),
+        (_dot(colours.PUSH), "arrow: the push on the object beside its weight; thin: a twist"),
         (_dot(colours.OTHER), "arrows: the forces of another method, or of the physics"),
         (
             f'<span style="display:inline-block;width:3.5em;height:.8em;border-radius:.2em;'

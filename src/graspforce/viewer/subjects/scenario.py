@@ -87,7 +87,7 @@ class ScenarioSubject:
                 state.angular_acceleration,
                 gravity=0.0,
             )
-        f[:3] -= knobs.push
+        f -= knobs.applied
         problem = turn_knobs(
             grasp.problem(f), knobs, scenario.engagement(t), scenario.c_max, CEILING
         )

@@ -31,6 +31,8 @@ HANDS = sim.HANDS
 _CEILING = 20.0  # of a contact that is to leave and has none [N]
 # How far a contact of a log may be from where the physics has it, and be the same [m].
 _SAME = 2e-3
+# How far joint positions at the start of a log may be from the scene's [rad, m].
+_START = 0.02
 
 
 def trials(name: str) -> tuple[Trial, ...] | None:
@@ -66,9 +68,7 @@ class TrialSubject:
 
     load_unit = "kg"
 
-    def __init__(
-        self, trials: Sequence[Trial], title: str, log: str | Path | None = None
-    ) -> None:
+    def __init__(self, trials: Sequence[Trial], title: str, log: str | Path | None = None) -> None:
         self._trials = tuple(trials)
         self._scenes: dict[int, _Scene] = {}
         self._opening = threading.Lock()
@@ -128,7 +128,8 @@ class TrialSubject:
         if self._free:
             f[:6] = tick.f * (knobs.load / mass)
             weight = knobs.load * np.array(scene.trial.model.opt.gravity)
-            f[:3] += weight - turned_down(knobs.tilt, knobs.heading) @ weight - knobs.push
+            f[:3] += weight - turned_down(knobs.tilt, knobs.heading) @ weight
+            f[:6] -= knobs.applied
         ceilings = given.layout.ceilings
         # Another load or grip than the loop's is no change from its last forces.
         given = given.replace(f=f, c_last=None, dc_max=None)
@@ -158,8 +159,12 @@ class _Source(Protocol):
     """Where the ticks of a scene come from."""
 
     times: Array
-    busy: bool
-    note: str
+
+    @property
+    def busy(self) -> bool: ...
+
+    @property
+    def note(self) -> str: ...
 
     def at(self, t: float) -> Tick: ...
 
@@ -239,18 +244,17 @@ class _Replay:
     gave it are those of the log's contact at its place.
     """
 
-    busy = False
-
     def __init__(self, trial: Trial, loop: Loop, log: Log) -> None:
         first = loop.tick
         shape = (len(first.qpos), len(first.points))
-        if (log.qpos.shape[1], log.point.shape[1]) != shape:
+        if (log.qpos.shape[1], log.point.shape[1]) != shape or not np.allclose(
+            log.qpos[0], first.qpos, atol=_START
+        ):
             raise InvalidInputError(
-                f"log: got one of {log.qpos.shape[1]} joint positions and {log.point.shape[1]} "
-                f"contacts, expected {shape[0]} and {shape[1]} as {trial.name} has"
+                f"log: got one that begins at other joint positions than {trial.name}, expected "
+                "one of that scene"
             )
         self.times: Array = log.t
-        self.note = log.message
         self._trial, self._log, self._fingers = trial, log, first.fingers
         self._alpha = loop.alpha
         problem = first.problem
@@ -258,6 +262,16 @@ class _Replay:
         self._c_max = float(problem.c_max.max()) if problem.layout.ceilings else None
         self._data, self._reading = mj.MjData(trial.model), threading.Lock()
         self._at = lru_cache(len(self.times))(self._read)
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is something to compute: never."""
+        return False
+
+    @property
+    def note(self) -> str:
+        """How the run ended, where it did before its time."""
+        return self._log.message
 
     def work(self, seconds: float) -> None:
         """There is nothing to compute beforehand."""
@@ -277,9 +291,7 @@ class _Replay:
                 grasp = Grasp.from_mujoco(trial.model, self._data, trial.body)
             except GraspForceError:  # nothing that a motor moves touches any more
                 nothing = np.zeros((0, 3))
-                return Tick(
-                    t, qpos, nothing, nothing[:, None], (), (), origin, f, None, nothing
-                )
+                return Tick(t, qpos, nothing, nothing[:, None], (), (), origin, f, None, nothing)
             links = grasp.links
         points = np.array([each.point for each in grasp.contacts])
         frames = np.array([each.frame for each in grasp.contacts])
@@ -298,10 +310,9 @@ class _Replay:
         if mu is not None:
             models = [model_of(m.dim, mu, getattr(m, "gamma", 1.0)) for m in problem.models]
             problem = problem.replace(models=models)
+        slots: list[int] = np.where(known, nearest, -1).tolist()
         fingers = tuple(
-            self._fingers[slot] if here else link
-            for slot, here, link in zip(nearest.tolist(), known.tolist(), links, strict=True)
+            link if slot < 0 else self._fingers[slot]
+            for slot, link in zip(slots, links, strict=True)
         )
-        return Tick(
-            t, qpos, points, frames, fingers, grasp.joint_names, origin, f, problem, force
-        )
+        return Tick(t, qpos, points, frames, fingers, grasp.joint_names, origin, f, problem, force)
