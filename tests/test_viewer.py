@@ -5,6 +5,7 @@ import socket
 import threading
 import time
 from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from graspforce.viewer.knobs import Knobs, direction_angles
 from graspforce.viewer.problems import answer
 from graspforce.viewer.remedy import knobs_for
 from graspforce.viewer.subjects.file import contacts_of
+from graspforce.viewer.subjects.trial import TrialSubject
 from graspforce.viewer.timeline import Forces
 
 
@@ -206,10 +208,17 @@ def test_a_grasp_that_is_no_grasp_map_is_solved_but_not_drawn(tmp_path):
 # ---- hands --------------------------------------------------------------------------------------
 
 
-def allegro():
+TIPS = [f"link_{k}.0_tip" for k in (3, 7, 11, 15)]
+
+
+def allegro_file():
     files = metadata.files("example-robot-data")
-    urdf = next(str(each.locate()) for each in files if each.name == "allegro_right_hand.urdf")
-    return viewer.open_hand(urdf, [f"link_{k}.0_tip" for k in (3, 7, 11, 15)], 0.7)
+    found = next(each.locate() for each in files if each.name == "allegro_right_hand.urdf")
+    return Path(str(found))
+
+
+def allegro():
+    return viewer.open_hand(allegro_file(), TIPS, 0.7)
 
 
 def paper_mjcf(tmp_path):
@@ -234,6 +243,15 @@ def test_contacts_are_picked_and_the_fingers_reach_for_them(make, tmp_path):
     assert answer(moment.problem, knobs).solution.status is gf.Status.SOLVED
     again = subject.knobs.from_query(knobs.to_query(subject.knobs))
     assert np.array_equal(subject.moment(again).problem.J, moment.problem.J)
+
+
+def test_a_hand_whose_meshes_are_missing_is_drawn_as_links(tmp_path):
+    path = tmp_path / "hand.urdf"
+    path.write_text(allegro_file().read_text())  # its meshes are named relative to a package
+    subject = viewer.open_hand(path, TIPS, 0.7)
+    names = {body.name.rpartition(" ")[0] for body in subject.bodies(subject.knobs)[:-1]}
+    assert names == set(subject.fingers)
+    assert len(allegro().bodies(subject.knobs)) > 20  # where they are found
 
 
 def test_a_click_beside_the_object_is_no_contact_and_one_on_it_is():
@@ -389,7 +407,7 @@ def test_a_log_is_played_with_the_grasps_that_the_loop_had(tmp_path):
     (trial,) = sim.get("regrasp", duration=0.6)
     log = sim.run(trial)
     log.save(tmp_path / "log.npz")
-    subject = viewer.subjects.trial.TrialSubject((trial,), "regrasp", tmp_path / "log.npz")
+    subject = TrialSubject((trial,), "regrasp", tmp_path / "log.npz")
     assert np.array_equal(subject.times, log.t)
     for k in (10, 225, 299):  # at rest; while finger 1 leaves; when it is off
         moment, found = solved(subject, time=float(log.t[k]))
@@ -403,7 +421,7 @@ def test_a_log_is_played_with_the_grasps_that_the_loop_had(tmp_path):
         assert np.allclose(moment.simulated[order], log.force[k][touching])
     (other,) = sim.get("quadruped")
     with pytest.raises(gf.InvalidInputError, match="expected one of that scene"):
-        viewer.subjects.trial.TrialSubject((other,), "quadruped", tmp_path / "log.npz")
+        TrialSubject((other,), "quadruped", tmp_path / "log.npz")
     with pytest.raises(gf.InvalidInputError, match="expected a scene that is one"):
         viewer.open_subject("allegro", tmp_path / "log.npz")
     with pytest.raises(gf.InvalidInputError, match="expected a scene to the log, one of hold"):
@@ -456,6 +474,16 @@ def test_an_exported_page_has_everything_in_it():
     assert page.startswith("<!")
     assert "__VISER_EMBED_DATA__" in page
     assert "<script src=" not in page
+
+
+def test_a_recording_of_a_scene_runs_it_first():
+    (trial,) = sim.get("hold", duration=0.1)
+    subject = TrialSubject((trial,), "hold")
+    page = export.html(subject, subject.knobs, moving=True)
+    assert "__VISER_EMBED_DATA__" in page
+    assert not subject.busy
+    now = subject.knobs.changed(time=float(subject.times[-1]))
+    assert subject.moment(now).note == ""
 
 
 def threads():
