@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from models import paper_hand_xml
+from typer.testing import CliRunner
 
 import graspforce as gf
-from graspforce import sim, viewer
+from graspforce import cli, sim, viewer
 from graspforce.baselines import lp
 from graspforce.viewer import export, shapes, words
 from graspforce.viewer.knobs import Knobs, direction_angles
@@ -437,6 +438,25 @@ def test_a_log_that_is_none_is_refused(tmp_path):
     ):  # fmt: skip
         with pytest.raises(gf.InvalidInputError, match=said):
             sim.Log.load(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("static --log l.npz", "expected a scene to the log, one of hold"),
+        ("hold --log l.npz", "No such file"),
+        ("--hand h.xml --log l.npz", "--log: expected with a simulated scene"),
+        ("--model m.xml", "--model, --object: got one of them"),
+        ("hold --model m.xml --object cube", "NAME hold: got --model m.xml beside it"),
+        ("--model m.xml --object cube", "m.xml: there is no such file"),
+        ("hold --tip thumb", "expected together with --hand"),
+    ],
+)
+def test_the_command_says_what_does_not_go_together(options, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(cli.app, ["view", *options.split()])
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.split())
 
 
 # ---- forces over time ---------------------------------------------------------------------------

@@ -75,8 +75,8 @@ def view(
     """Show a grasp as a live 3-D page, whose forces answer while one turns knobs.
 
     The page has the forces with their newtons, how much of friction and torques they use, why a
-    load is not held and what would help. It is served until Ctrl-C. Needs the extra 'view': in a
-    checkout, pip install '.[view]'.
+    load is not held and what would help. It is served until Ctrl-C. The browser has to
+    have WebGL. Needs the extra 'view': in a checkout, pip install '.[view]'.
     """
     from graspforce import viewer
 

@@ -22,6 +22,7 @@ _TABLE = (
     'style="border-collapse:collapse;width:calc(100% - 1.2em);margin:0 .6em;font-size:0.8em;'
     'line-height:1.5"'
 )
+_MANY = 8  # of more contacts those that do not touch are not listed
 _CELL = 'style="text-align:right;padding:0 .3em;white-space:nowrap"'
 
 
@@ -86,6 +87,7 @@ def numbers(moment: Moment, answer: Answer | None) -> str:
         f"<td {_CELL}>{number(sizes[i])}</td><td {_CELL}>{number(float(problem.mu[i]))}</td>"
         f"<td {_CELL}>{bars[i]}</td></tr>"
         for i, name in enumerate(moment.fingers)
+        if problem.active[i] or problem.n <= _MANY
     ]
     heads = ("normal [N]", "force [N]", "mu", "cone used")
     text = f"<table {_TABLE}><tr><th></th>{_heads(heads)}</tr>{''.join(rows)}</table>"
