@@ -5,7 +5,6 @@ Needs Chromium or Chrome on the PATH; it is run without a screen and draws in so
 
 import os
 import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -14,6 +13,7 @@ import time
 
 import numpy as np
 import pytest
+from browser import needs_browser
 from test_viewer import paper_mjcf
 from viser.transforms import SO3
 
@@ -24,28 +24,8 @@ from graspforce.viewer import colours, export
 from graspforce.viewer.scene import contact_forces
 from graspforce.viewer.server import MOST_CLIENTS
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
-pytestmark = pytest.mark.skipif(
-    BROWSER is None, reason=f"no browser is installed: none of {', '.join(BROWSERS)} is on PATH"
-)
-
-FLAGS = [
-    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-]  # fmt: skip
+pytestmark = needs_browser
 PATIENCE = 60_000  # [ms]; a page draws slowly without a GPU on a busy machine
-
-
-@pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
