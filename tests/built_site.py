@@ -98,7 +98,7 @@ def test_a_tutorial_can_be_taken_along_as_a_notebook(pages, name):
     notebook = json.loads((page.parent / unquote(links[0])).read_text(encoding="utf-8"))
     assert notebook["nbformat"] == 4
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
-    assert len(cells) > 4
+    assert len(cells) >= 4
     # It is the program that the build has run: the same statements, in the same order.
     program = (ROOT / "examples" / "gallery" / "tutorials" / f"{name}.py").read_text()
     made = ast.parse("\n".join("".join(cell["source"]) for cell in cells))
@@ -153,13 +153,12 @@ def test_the_sites_own_search_shows_that_page_first(browser):
 
 
 @needs_browser
-@pytest.mark.parametrize("width", [1280, 390])
-def test_no_page_is_wider_than_its_window(browser, width):
-    tab = browser.new_page(viewport={"width": width, "height": 800})
+def test_no_page_is_wider_than_a_phone(browser):
+    tab = browser.new_page(viewport={"width": 390, "height": 800})
     wide = []
     for page in HTML:
         tab.goto(page.as_uri(), wait_until="domcontentloaded")
-        if tab.evaluate("document.documentElement.scrollWidth") > width:
+        if tab.evaluate("document.documentElement.scrollWidth") > 390:
             wide.append(page.relative_to(SITE))
     tab.close()
     assert not wide
