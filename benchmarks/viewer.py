@@ -219,6 +219,7 @@ def random_turn(rng: np.random.Generator) -> dict[str, Any]:
         {"ceiling": float(rng.choice([0.0, rng.uniform(0, 20)]))},
         {"load": float(rng.uniform(0, 1.5))},
         {"push": tuple(0.5 * each for each in triple)},
+        {"twist": tuple(0.005 * each for each in triple)},
         {"tilt": float(rng.uniform(0, 180)), "heading": float(rng.uniform(-180, 180))},
         {"move": tuple(0.02 * each for each in triple)},
         {"turn": tuple(0.1 * each for each in triple)},

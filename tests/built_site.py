@@ -4,15 +4,17 @@ No page asks another machine for anything, every link leads somewhere, every pub
 documented, and the words that a newcomer types lead to the page that is meant.
 """
 
+import ast
 import importlib
 import inspect
 import json
 import re
 import zlib
 from html.parser import HTMLParser
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 import pytest
+from browser import needs_browser
 from pages import ROOT
 
 import graspforce as gf
@@ -88,6 +90,23 @@ def test_every_link_leads_somewhere(pages):
     assert count > 1000
 
 
+@pytest.mark.parametrize("name", ["plot_paper", "plot_own_hand", "plot_learning"])
+def test_a_tutorial_can_be_taken_along_as_a_notebook(pages, name):
+    page = SITE / "gallery" / "tutorials" / f"{name}.html"
+    links = [link for link in pages[page].links if link.endswith(".ipynb")]
+    assert len(links) == 1
+    notebook = json.loads((page.parent / unquote(links[0])).read_text(encoding="utf-8"))
+    assert notebook["nbformat"] == 4
+    cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert len(cells) >= 4
+    # It is the program that the build has run: the same statements, in the same order.
+    program = (ROOT / "examples" / "gallery" / "tutorials" / f"{name}.py").read_text()
+    made = ast.parse("\n".join("".join(cell["source"]) for cell in cells))
+    of_file = ast.parse(program).body[1:]  # without its docstring, which is text there
+    of_notebook = [each for each in made.body if "matplotlib inline" not in ast.unparse(each)]
+    assert [ast.dump(each) for each in of_notebook] == [ast.dump(each) for each in of_file]
+
+
 def documented():
     """Return the names of the site's inventory of Python objects."""
     raw = (SITE / "objects.inv").read_bytes().split(b"\n", 4)[4]
@@ -118,6 +137,31 @@ def test_every_public_name_is_documented():
     wanted += ["graspforce.torch.solve", "graspforce.jax.solve"]  # whose packages are not here
     missing = sorted(set(wanted) - known)
     assert not missing
+
+
+@needs_browser
+def test_the_sites_own_search_shows_that_page_first(browser):
+    tab = browser.new_page()
+    tab.set_default_timeout(60_000)
+    for words, page in FIRST_FOR.items():
+        tab.goto(f"{(SITE / 'search.html').as_uri()}?q={quote(words)}")
+        first = tab.locator("#search-results ul.search > li > a").first
+        first.wait_for()
+        found = urlsplit(tab.evaluate("a => a.href", first.element_handle())).path
+        assert found == str(SITE / f"{page}.html"), words
+    tab.close()
+
+
+@needs_browser
+def test_no_page_is_wider_than_a_phone(browser):
+    tab = browser.new_page(viewport={"width": 390, "height": 800})
+    wide = []
+    for page in HTML:
+        tab.goto(page.as_uri(), wait_until="domcontentloaded")
+        if tab.evaluate("document.documentElement.scrollWidth") > 390:
+            wide.append(page.relative_to(SITE))
+    tab.close()
+    assert not wide
 
 
 def test_what_newcomers_type_finds_the_page_first():

@@ -134,3 +134,15 @@ def on_both_backends(*, reference, native, **strategies):
         return run
 
     return decorate
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Return a browser without a screen; for tests that are marked by ``needs_browser``."""
+    import browser as chromium
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=chromium.PATH, args=chromium.FLAGS)
+        yield opened
+        opened.close()

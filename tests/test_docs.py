@@ -10,7 +10,7 @@ from pages import DOCS, PAGES, ROOT, blocks, run
 
 import graspforce as gf
 
-GALLERY = sorted((ROOT / "examples" / "gallery").glob("*.py"))
+GALLERY = sorted((ROOT / "examples" / "gallery").rglob("*.py"))
 CUBE = """<body name="cube" pos="0 0 .1"><freejoint/>
   <geom type="box" size=".0375 .0375 .0375" mass=".25"/></body>"""
 # What a page's snippets need besides NumPy.

@@ -123,6 +123,23 @@ def test_jacobian_against_finite_differences():
             np.testing.assert_allclose(J[:, j], expected, atol=1e-8)
 
 
+def test_a_pad_moves_as_the_jacobian_of_a_contact_there_says():
+    hand = from_mjcf(compiled(finger(HINGES, "".join(map(motor, "abc")))), ["tip"])
+    q, pads = np.array([0.3, -0.5, 0.7]), [[0.01, -0.004, 0.02]]
+    point = hand.fingertip_positions(q, pads)
+    assert np.linalg.norm(point - hand.fingertip_positions(q)) == pytest.approx(
+        np.linalg.norm(pads)
+    )
+    contact = gf.Contact(point[0], (1, 0, 0), gf.PCWF(0.5), (0, 1, 0))
+    moved = [
+        (hand.fingertip_positions(q + dq, pads) - hand.fingertip_positions(q - dq, pads))[0] / 2e-6
+        for dq in 1e-6 * np.eye(3)
+    ]
+    np.testing.assert_allclose(hand.jacobian([contact], q), np.transpose(moved), atol=1e-8)
+    with pytest.raises(gf.InvalidInputError, match="pads: got"):
+        hand.fingertip_positions(q, pads[0])
+
+
 def test_columns_are_in_the_order_of_the_joints_whatever_the_motors_is():
     xml = finger(HINGES, motor("c") + motor("a", 'forcerange="-2 3"') + motor("b"))
     hand = from_mjcf(compiled(xml), ["tip"])

@@ -93,11 +93,14 @@ def test_the_papers_hand_from_a_file_is_paper_hand(axis, written):
     assert hand.tau_hi.tolist() == [0.5] * 12
     order = [own.joint_names.index(name) for name in hand.joint_names]
     rng = np.random.default_rng(1)
+    last_links = from_urdf(written(paper_hand_urdf(axis)), [f"distal{i}" for i in (1, 2, 3, 4)])
     models = [gf.SFC(0.5, 0.01), gf.FPC(), gf.PCWF(0.3), gf.PCWF(0.5)]
     for _ in range(5):
         q = rng.uniform(-1, 1, 12)
         tips = own.forward_kinematics(q)
         np.testing.assert_allclose(hand.fingertip_positions(q[order]), tips, atol=1e-15)
+        pads = last_links.fingertip_positions(q[order], [[0, 0, 0.075]] * 4)
+        np.testing.assert_allclose(pads, tips, atol=1e-15)
         contacts = contacts_at(tips + rng.uniform(-0.004, 0.004, (4, 3)), rng, models)
         J, expected = hand.jacobian(contacts, q[order]), own.jacobian(contacts, q)[:, order]
         np.testing.assert_allclose(J, expected, atol=1e-15)

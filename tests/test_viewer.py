@@ -5,18 +5,23 @@ import socket
 import threading
 import time
 from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 import pytest
 from models import paper_hand_xml
+from typer.testing import CliRunner
 
 import graspforce as gf
-from graspforce import viewer
+from graspforce import cli, sim, viewer
+from graspforce.baselines import lp
 from graspforce.viewer import export, shapes, words
 from graspforce.viewer.knobs import Knobs, direction_angles
 from graspforce.viewer.problems import answer
 from graspforce.viewer.remedy import knobs_for
 from graspforce.viewer.subjects.file import contacts_of
+from graspforce.viewer.subjects.trial import TrialSubject
+from graspforce.viewer.timeline import Forces
 
 
 def solved(subject, **changes):
@@ -204,10 +209,17 @@ def test_a_grasp_that_is_no_grasp_map_is_solved_but_not_drawn(tmp_path):
 # ---- hands --------------------------------------------------------------------------------------
 
 
-def allegro():
+TIPS = [f"link_{k}.0_tip" for k in (3, 7, 11, 15)]
+
+
+def allegro_file():
     files = metadata.files("example-robot-data")
-    urdf = next(str(each.locate()) for each in files if each.name == "allegro_right_hand.urdf")
-    return viewer.open_hand(urdf, [f"link_{k}.0_tip" for k in (3, 7, 11, 15)], 0.7)
+    found = next(each.locate() for each in files if each.name == "allegro_right_hand.urdf")
+    return Path(str(found))
+
+
+def allegro():
+    return viewer.open_hand(allegro_file(), TIPS, 0.7)
 
 
 def paper_mjcf(tmp_path):
@@ -232,6 +244,15 @@ def test_contacts_are_picked_and_the_fingers_reach_for_them(make, tmp_path):
     assert answer(moment.problem, knobs).solution.status is gf.Status.SOLVED
     again = subject.knobs.from_query(knobs.to_query(subject.knobs))
     assert np.array_equal(subject.moment(again).problem.J, moment.problem.J)
+
+
+def test_a_hand_whose_meshes_are_missing_is_drawn_as_links(tmp_path):
+    path = tmp_path / "hand.urdf"
+    path.write_text(allegro_file().read_text())  # its meshes are named relative to a package
+    subject = viewer.open_hand(path, TIPS, 0.7)
+    names = {body.name.rpartition(" ")[0] for body in subject.bodies(subject.knobs)[:-1]}
+    assert names == set(subject.fingers)
+    assert len(allegro().bodies(subject.knobs)) > 20  # where they are found
 
 
 def test_a_click_beside_the_object_is_no_contact_and_one_on_it_is():
@@ -293,7 +314,7 @@ def test_a_scene_is_run_while_nothing_else_is_to_do_and_scrubbed():
     assert not subject.busy
     knobs = subject.knobs.changed(time=0.02)
     subject.moment(knobs)
-    while len(subject._ticks) < 30:
+    while len(subject._scene(0).source._ticks) < 30:
         assert subject.busy
         subject.work(0.05)
     moment = subject.moment(knobs)
@@ -314,21 +335,154 @@ def test_a_scene_that_is_called_like_a_scenario_has_a_name_of_its_own():
 
 def test_physics_answers_to_push_lift_friction_and_reset():
     subject = viewer.open_subject("hold")
-    loop = subject.live()
+    loop = subject.live(subject.knobs)
     loop.advance(0.05, 100)
     rest = loop.tick.origin
-    loop.set(5.0, 1.0, np.array([1.5, 0.0, 0.0]))
+    loop.set(5.0, 1.0, np.array([1.5, 0, 0, 0, 0, 0]))
     loop.advance(0.1, 100)
     assert loop.tick.origin[0] > rest[0] + 1e-4
-    loop.set(5.0, 1.0, np.zeros(3))
+    loop.set(5.0, 1.0, np.array([0, 0, 0, 0, 0, 0.02]))
+    loop.advance(0.1, 100)
+    assert 2 * loop.tick.qpos[-1] > 0.002  # turned about z [rad]
+    loop.set(5.0, 1.0, np.zeros(6))
     loop.lift(0)
     loop.advance(0.8, 100)
     assert loop.tick.problem.engagement[0] < 1e-2
     loop.reset()
     assert loop.tick.t == 0
-    loop.set(1e4, 0.25, np.zeros(3))  # light, with a quarter of the friction it counts on
+    loop.set(1e4, 0.25, np.zeros(6))  # light, with a quarter of the friction it counts on
     loop.advance(2.0, 100)
     assert "dropped" in loop.ended
+
+
+def test_a_push_and_a_twist_are_taken_off_the_wrench_of_every_subject():
+    applied = np.array([0.1, -0.2, 0.3, 0.004, 0.005, -0.006])
+    for subject in (
+        viewer.open_subject("regrasp"), viewer.open_subject("hold"),
+        viewer.open_subject("examples/several_grasps.json"),
+    ):  # fmt: skip
+        without = subject.moment(subject.knobs).problem.f
+        pushed = subject.knobs.changed(push=tuple(applied[:3]), twist=tuple(applied[3:]))
+        assert np.allclose(subject.moment(pushed).problem.f, without - applied, atol=1e-12)
+
+
+def test_each_trial_of_a_scene_is_chosen_and_has_its_own_alpha():
+    subject = viewer.open_subject("disturbance")
+    trials = sim.get("disturbance")
+    assert subject.items == tuple(trial.name for trial in trials)
+    assert [subject.alpha_of(i) for i in (0, 3)] == [trials[0].alpha, trials[3].alpha]
+    assert trials[0].alpha != trials[3].alpha
+    payload = subject.items.index("payload, alpha=5")
+    knobs = subject.knobs.changed(item=payload, time=0.01)
+    subject.moment(knobs)
+    while subject.moment(knobs.changed(time=0.1)).origin is subject.moment(knobs).origin:
+        subject.work(0.05)
+    assert "is being run" in subject.moment(knobs).note
+    assert subject.moment(knobs.changed(item=0, time=0)).note == ""
+
+
+def test_whatever_hand_holds_something_runs_live_and_is_told_by_its_links():
+    subject = viewer.open_subject("hand/panda")
+    assert {each.rpartition(" ")[0] for each in subject.fingers} == {
+        "left_jaw",
+        "right_jaw",
+        "spare",
+    }
+    assert "lift" not in subject.controls
+    _, found = solved(subject)
+    loop = subject.live(subject.knobs)
+    assert np.allclose(found.solution.c, gf.solve(loop.tick.problem).c, rtol=1e-6, atol=1e-9)
+    loop.set(subject.knobs.alpha, 1.0, np.array([0, 0, 1.0, 0, 0, 0]))
+    loop.advance(0.02, 100)
+    assert loop.tick.f[2] < 9.81 * loop.mass  # it is lifted, and the law holds against that
+    forces = subject.live_moment(loop, subject.knobs).simulated.sum(axis=0)
+    assert forces[2] == pytest.approx(9.81 * loop.mass - 1.0, rel=0.1)
+    firm = loop.tick.problem.alpha
+    loop.set(100 * firm, 0.01, np.zeros(6))  # the controller does not know that nothing rubs
+    loop.advance(0.5, 100)
+    assert loop.tick.problem.alpha == 100 * firm
+    assert "dropped" in loop.ended
+
+
+def test_a_log_is_played_with_the_grasps_that_the_loop_had(tmp_path):
+    (trial,) = sim.get("regrasp", duration=0.6)
+    log = sim.run(trial)
+    log.save(tmp_path / "log.npz")
+    subject = TrialSubject((trial,), "regrasp", tmp_path / "log.npz")
+    assert np.array_equal(subject.times, log.t)
+    for k in (10, 225, 299):  # at rest; while finger 1 leaves; when it is off
+        moment, found = solved(subject, time=float(log.t[k]))
+        assert np.allclose(moment.problem.f, log.f[k], atol=1e-12)
+        touching = np.flatnonzero(log.clearance[k] == 0)
+        assert moment.fingers == tuple(f"finger {i + 1}" for i in touching)
+        order = [moment.fingers.index(f"finger {i + 1}") for i in touching]
+        normal = np.reshape(log.c[k], (4, 3))[touching, 0]
+        # The loop's bias torques have the fingers' own inertia, of joints at rest there is none.
+        assert np.allclose(found.solution.normal_forces[order], normal, atol=0.05)
+        assert np.allclose(moment.simulated[order], log.force[k][touching])
+    (other,) = sim.get("quadruped")
+    with pytest.raises(gf.InvalidInputError, match="expected one of that scene"):
+        TrialSubject((other,), "quadruped", tmp_path / "log.npz")
+    with pytest.raises(gf.InvalidInputError, match="expected a scene that is one"):
+        viewer.open_subject("allegro", tmp_path / "log.npz")
+    with pytest.raises(gf.InvalidInputError, match="expected a scene to the log, one of hold"):
+        viewer.open_subject("static", tmp_path / "log.npz")
+
+
+def test_a_log_that_is_none_is_refused(tmp_path):
+    np.savez(tmp_path / "other.npz", t=np.zeros(3))
+    (tmp_path / "text.npz").write_text("no archive")
+    for name, said in (
+        ("other.npz", "it has no qpos"), ("text.npz", "expected the .npz of a log"),
+        ("missing.npz", "No such file"), ("log.csv", "does not have all of it"),
+    ):  # fmt: skip
+        with pytest.raises(gf.InvalidInputError, match=said):
+            sim.Log.load(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("static --log l.npz", "expected a scene to the log, one of hold"),
+        ("hold --log l.npz", "No such file"),
+        ("--hand h.xml --log l.npz", "--log: expected with a simulated scene"),
+        ("--model m.xml", "--model, --object: got one of them"),
+        ("hold --model m.xml --object cube", "NAME hold: got --model m.xml beside it"),
+        ("--model m.xml --object cube", "m.xml: there is no such file"),
+        ("hold --tip thumb", "expected together with --hand"),
+    ],
+)
+def test_the_command_says_what_does_not_go_together(options, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(cli.app, ["view", *options.split()])
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.split())
+
+
+# ---- forces over time ---------------------------------------------------------------------------
+
+
+def test_jumps_are_where_a_vertex_changes_and_wbf_has_none():
+    subject = viewer.open_subject("regrasp")
+    times = subject.times[105:130]  # finger 1 is about to be away
+    problems = [subject.moment(subject.knobs.changed(time=float(t))).problem for t in times]
+    forces = [
+        Forces(name, times, np.array([solve(problem).normal_forces for problem in problems]))
+        for name, solve in (("WBF", gf.solve), ("lp", lp.solve))
+    ]
+    largest = max(each.largest for each in forces)
+    smooth, jumping = (each.jumps(largest) for each in forces)
+    assert len(smooth) == 0
+    n = forces[1].normals
+    by_hand = [
+        k for k in range(24) if max(abs(n[k + 1, i] - n[k, i]) for i in range(4)) > 0.05 * largest
+    ]
+    assert by_hand
+    assert jumping.tolist() == by_hand
+    said = words.jumps(forces, subject.fingers)
+    assert "WBF: none; lp: " in said
+    step = np.abs(np.diff(n, axis=0)).max(axis=0)
+    assert f"{step.max():.4g}\N{NO-BREAK SPACE}N of finger {step.argmax() + 1} at" in said
 
 
 # ---- export and server --------------------------------------------------------------------------
@@ -340,6 +494,16 @@ def test_an_exported_page_has_everything_in_it():
     assert page.startswith("<!")
     assert "__VISER_EMBED_DATA__" in page
     assert "<script src=" not in page
+
+
+def test_a_recording_of_a_scene_runs_it_first():
+    (trial,) = sim.get("hold", duration=0.1)
+    subject = TrialSubject((trial,), "hold")
+    page = export.html(subject, subject.knobs, moving=True)
+    assert "__VISER_EMBED_DATA__" in page
+    assert not subject.busy
+    now = subject.knobs.changed(time=float(subject.times[-1]))
+    assert subject.moment(now).note == ""
 
 
 def threads():

@@ -5,7 +5,6 @@ Needs Chromium or Chrome on the PATH; it is run without a screen and draws in so
 
 import os
 import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -14,35 +13,19 @@ import time
 
 import numpy as np
 import pytest
+from browser import needs_browser
 from test_viewer import paper_mjcf
+from viser.transforms import SO3
 
 import graspforce as gf
-from graspforce import viewer
-from graspforce.viewer import export
+from graspforce import sim, viewer
+from graspforce.baselines import lp
+from graspforce.viewer import colours, export
+from graspforce.viewer.scene import contact_forces
 from graspforce.viewer.server import MOST_CLIENTS
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
-BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
-pytestmark = pytest.mark.skipif(
-    BROWSER is None, reason=f"no browser is installed: none of {', '.join(BROWSERS)} is on PATH"
-)
-
-FLAGS = [
-    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-]  # fmt: skip
+pytestmark = needs_browser
 PATIENCE = 60_000  # [ms]; a page draws slowly without a GPU on a busy machine
-
-
-@pytest.fixture(scope="module")
-def browser():
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=BROWSER, args=FLAGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
@@ -124,6 +107,43 @@ def session(page, index=0):
 def picture(tab):
     """Return the left half of what a tab shows, which is the scene's, as a PNG."""
     return tab.screenshot(clip={"x": 0, "y": 0, "width": 230, "height": 400}, timeout=PATIENCE)
+
+
+def pixel(tab, live, point):
+    """Return where a page draws a point of the scene."""
+    camera, box = live._client.camera, tab.locator("canvas").first.bounding_box()
+    x, y, z = SO3(camera.wxyz).as_matrix().T @ (np.asarray(point) - camera.position)
+    height = box["height"] / (2 * np.tan(camera.fov / 2))
+    return (
+        box["x"] + box["width"] / 2 + height * x / z,
+        box["y"] + box["height"] / 2 + height * y / z,
+    )
+
+
+def drag(tab, start, end):
+    """Drag from a pixel to another, as slowly as a page without a GPU draws."""
+    tab.mouse.move(*start)
+    tab.wait_for_timeout(200)
+    tab.mouse.down()
+    tab.wait_for_timeout(200)
+    tab.mouse.move(*end, steps=4)
+    tab.wait_for_timeout(200)
+    tab.mouse.up()
+
+
+def clear(tab):
+    """Close the browser's notice that it draws in software, which lies over the scene."""
+    notice = tab.locator("[class*=Notification] button").first
+    notice.click()
+    notice.wait_for(state="hidden")
+
+
+def turquoise(png):
+    """Return how many pixels have the colour of another method's forces."""
+    import imageio.v3
+
+    r, g, b = np.moveaxis(imageio.v3.imread(png)[..., :3].astype(int), -1, 0)
+    return int(((g - r > 40) & (abs(g - b) < 20)).sum())
 
 
 def is_drawn(png):
@@ -236,6 +256,13 @@ def test_an_overload_says_why_and_a_button_mends_it(served):
     said = tab.locator(".gf-verdict").inner_text()
     assert "No contact force holds this load" in said
     assert "the friction of finger" in said
+    # What is in conflict is red, and nothing else is in colour.
+    cones = session(page)._scene._contacts._cones.batched_colors.tolist()
+    red, grey = list(colours.rgb(colours.RED)), list(colours.rgb(colours.GREY))
+    problem = problem_of(viewer.open_subject("static"), session(page).knobs)
+    blamed = {each.index for each in gf.diagnose(problem).binding if each.kind == "friction"}
+    assert {int(i) - 1 for i in re.findall("finger ([0-9])", said)} <= blamed
+    assert cones == [red if i in blamed else grey for i in range(4)]
     button.click()
     tab.locator(".gf-largest-normal").wait_for()
     assert session(page).knobs.friction > 1
@@ -265,6 +292,96 @@ def test_time_plays_and_stops(served):
     time.sleep(0.3)
     assert session(page).knobs.time == t
     assert tab.locator("canvas").count() > 1  # the plot over time
+
+
+def test_the_object_and_a_wrench_on_it_are_dragged(served):
+    page, tab = served(viewer.open_subject("static"))
+    live = session(page)
+    clear(tab)
+    row(tab, "Handles to drag").locator("input").check()
+    until(lambda: live._gizmo is not None, "handles")
+    tab.wait_for_timeout(500)
+    origin, size = live._moment.origin, live._subject.size
+
+    def at(x, z):
+        return pixel(tab, live, origin + size * np.array([x, 0.0, z]))
+
+    drag(tab, at(0.0, 0.85), at(0.0, 1.0))  # the arrow of z
+    until(lambda: any(live.knobs.move), "the object to rise")
+    tab.wait_for_timeout(500)
+    x, y, z = live.knobs.move
+    assert z == pytest.approx(0.15 * size, rel=0.2)
+    assert abs(x) + abs(y) < 1e-9
+    origin = live._moment.origin
+    ring = [0.69 * np.array([np.cos(a), np.sin(a)]) for a in np.radians([70, 50])]
+    drag(tab, at(*ring[0]), at(*ring[1]))  # that about y
+    until(lambda: any(live.knobs.turn), "the object to turn")
+    tab.wait_for_timeout(500)
+    x, y, z = live.knobs.turn
+    assert y == pytest.approx(np.radians(20), rel=0.3)
+    assert abs(x) + abs(z) < 1e-9
+    moment = live._subject.moment(live.knobs)
+    assert shown(tab, "largest-normal") == number(gf.solve(moment.problem).normal_forces.max(), "N")
+    row(tab, "Handles to drag").locator("input").uncheck()
+    until(lambda: not live._gizmo.visible, "the end of the handles")
+    # A push at the object's centre, then one where it is taken hold of.
+    start = pixel(tab, live, live._moment.origin + 0.3 * size * np.array([-1.0, 0.0, -1.0]))
+    drag(tab, start, (start[0] + 6, start[1]))
+    until(lambda: any(live.knobs.push), "a push")
+    assert live.knobs.twist == (0, 0, 0)
+    tab.keyboard.down("Shift")
+    drag(tab, start, (start[0] + 6, start[1]))
+    tab.keyboard.up("Shift")
+    until(lambda: any(live.knobs.twist), "a twist")
+    push, twist = np.array(live.knobs.push), np.array(live.knobs.twist)
+    arm = np.cross(push, twist) / (push @ push)  # the part of it across the push
+    assert abs(push @ twist) < 1e-6 * np.linalg.norm(push) * np.linalg.norm(twist)
+    assert 0.1 * size < np.linalg.norm(arm) < size
+    assert arm @ (live._client.camera.position - live._moment.origin) > 0  # on the side in sight
+    assert not tab.failures
+
+
+def test_another_method_stands_beside_and_its_jumps_are_marked(served):
+    page, tab = served(viewer.open_subject("regrasp"))
+    live = session(page)
+    clear(tab)
+    until(lambda: is_drawn(picture(tab)), "a drawing")
+    before = turquoise(picture(tab))
+    choose(tab, "Compare with", "lp")
+    until(lambda: live._scene._contacts._others.visible, "the other forces")
+    forces = contact_forces(live._moment, lp.solve(live._moment.problem).c)
+    arrows = live._scene._contacts._others.points
+    assert np.allclose(
+        arrows[:, 1] - arrows[:, 0], live._scene.metres_per_newton * forces, atol=1e-6
+    )
+    until(lambda: turquoise(picture(tab)) > before + 60, "arrows in turquoise")
+    tab.get_by_role("tab", name="Time").click()
+    until(lambda: len(live._timeline) == 2, "the other method's forces over time")
+    wbf, other = live._timeline
+    assert wbf.times.tolist() == other.times.tolist() == live._subject.times.tolist()
+    jumps = other.jumps(max(wbf.largest, other.largest))
+    assert len(jumps) > 5
+    tab.get_by_text(f"WBF: none; lp: {len(jumps)}, the largest").wait_for()
+    tab.get_by_text("jump of lp").first.wait_for()
+
+
+def test_a_log_plays_and_a_hand_runs_live(served, tmp_path):
+    (trial,) = sim.get("hold", duration=0.3)
+    sim.run(trial).save(tmp_path / "log.npz")
+    page, tab = served(viewer.open_subject("hold", tmp_path / "log.npz"))
+    tab.get_by_role("tab", name="Physics").click()
+    row(tab, "Play").locator("input").check()
+    until(lambda: session(page).knobs.time > 0.05, "the time to run")
+    row(tab, "Play").locator("input").uncheck()
+    tab.get_by_text("Jumps from tick to tick").wait_for()
+    tab.close()
+    page, tab = served(viewer.open_subject("hand/panda"))
+    tab.get_by_role("tab", name="Physics").click()
+    row(tab, "Run live").locator("input").check()
+    until(lambda: session(page)._loop is not None, "physics")
+    until(lambda: session(page)._loop.tick.t > 0.02, "the hand to hold")
+    assert session(page)._loop.ended == ""
+    assert not tab.get_by_role("button", name="Lift it for a second").count()
 
 
 def test_physics_is_pushed_by_dragging_the_object(served):

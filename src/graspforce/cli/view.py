@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import webbrowser
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,6 +16,9 @@ EXAMPLES = (
     "graspforce view regrasp --open",
     "graspforce view hold",
     "graspforce view examples/several_grasps.json",
+    "graspforce view hand/leap",
+    "graspforce view hold --log hold.npz",
+    "graspforce view --model scene.xml --object cube",
     "graspforce view --hand hand.xml --tip thumb --tip index",
     "graspforce view static --set alpha=100 --set load=1",
 )
@@ -26,8 +30,20 @@ def view(
         typer.Argument(
             metavar="[NAME | FILE]",
             help="A scenario (static, dynamic, regrasp), a simulated scene (hold, circle, "
-            "sim/regrasp, …), or a file of grasps.  [default: static]",
+            "sim/regrasp, …), a hand that holds something (hand/leap, …), or a file of grasps.  "
+            "[default: static]",
         ),
+    ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="Of a simulated scene, the .npz that graspforce simulate --log wrote."),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(help="A scene of your own in physics: an MJCF file with hand and object."),
+    ] = None,
+    body: Annotated[
+        str | None, typer.Option("--object", metavar="BODY", help="Its body that is held.")
     ] = None,
     hand: Annotated[
         str | None,
@@ -59,19 +75,27 @@ def view(
     """Show a grasp as a live 3-D page, whose forces answer while one turns knobs.
 
     The page has the forces with their newtons, how much of friction and torques they use, why a
-    load is not held and what would help. It is served until Ctrl-C. Needs the extra 'view': in a
-    checkout, pip install '.[view]'.
+    load is not held and what would help. It is served until Ctrl-C. The browser has to
+    have WebGL. Needs the extra 'view': in a checkout, pip install '.[view]'.
     """
     from graspforce import viewer
 
-    if name is not None and hand is not None:
-        raise InvalidInputError(f"--hand: got {hand!r} beside {name!r}, expected one of them")
-    if hand is not None:
-        subject = viewer.open_hand(hand, tip or (), tau_max)
-    elif tip or tau_max is not None:
+    sources = {"NAME": name, "--hand": hand, "--model": model}
+    given = [f"{option} {value}" for option, value in sources.items() if value is not None]
+    if len(given) > 1:
+        raise InvalidInputError(f"{given[0]}: got {given[1]} beside it, expected one of them")
+    if hand is None and (tip or tau_max is not None):
         raise InvalidInputError("--tip, --tau-max: expected together with --hand")
+    if (model is None) != (body is None):
+        raise InvalidInputError("--model, --object: got one of them, expected both")
+    if hand is not None:
+        if log is not None:
+            raise InvalidInputError("--log: expected with a simulated scene, got --hand")
+        subject = viewer.open_hand(hand, tip or (), tau_max)
+    elif model is not None and body is not None:
+        subject = viewer.open_scene(model, body, log)
     else:
-        subject = viewer.open_subject(name or "static")
+        subject = viewer.open_subject(name or "static", log)
     knobs = subject.knobs.from_texts(dict(map(_setting, changes or ())))
     page = viewer.Viewer(subject, knobs, host, port)
     try:

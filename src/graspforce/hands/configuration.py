@@ -58,8 +58,8 @@ class Configuration(Protocol):
         """
         ...
 
-    def position(self, link: str) -> Array:
-        """Return a link's origin, shape (3,) [m], in the hand's frame."""
+    def position(self, link: str, at: Array | None = None) -> Array:
+        """Return a link's origin, or the point ``at`` in its frame, (3,) [m], in the hand's."""
         ...
 
     def chain(self, link: str) -> Array:

@@ -89,10 +89,25 @@ class ImportedHand:
         """
         return replace(self, made_by=tuple(map(self._link, as_tuple(names, "names", str))))
 
-    def fingertip_positions(self, q: ArrayLike) -> Array:
-        """Return the origins of the fingertips' links, shape (n_fingers, 3) [m], at q."""
+    def fingertip_positions(self, q: ArrayLike, pads: ArrayLike | None = None) -> Array:
+        """Return where the fingertips are, shape (n_fingers, 3) [m].
+
+        Args:
+            q: angles of the joints ``q_names``, shape (len(q_names),) [rad, m].
+            pads: where the links touch, in their own frames, shape (n_fingers, 3) [m]; by default
+                their origins, which are often joints.
+
+        Raises:
+            InvalidInputError: another number of angles or pads.
+        """
         configuration = self._configuration(q)
-        return np.array([configuration.position(link) for link in self.fingertips.values()])
+        links = self.fingertips.values()
+        if pads is None:
+            return np.array([configuration.position(link) for link in links])
+        places = as_array(pads, "pads", (len(links), 3))
+        return np.array(
+            [configuration.position(link, at) for link, at in zip(links, places, strict=True)]
+        )
 
     def jacobian(self, contacts: Sequence[Contact], q: ArrayLike) -> Array:
         """Return J, shape (m, n_joints), in the contact frames: tau = J.T @ c (Eq. 2).

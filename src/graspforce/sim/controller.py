@@ -54,6 +54,7 @@ class Command:
 
     Attributes:
         tau: joint torques, shape (n_joints,) [N·m].
+        f: the wrench that the object was to get, about its centre of mass, shape (6,) [N, N·m].
         solution: of the force problem.
         contacts: where the forces act, world axes.
         engagement: shape (n,).
@@ -62,6 +63,7 @@ class Command:
     """
 
     tau: Array
+    f: Array
     solution: Solution
     contacts: tuple[Contact, ...]
     engagement: Array
@@ -109,7 +111,7 @@ class Controller:
         elif self._tau is None:  # no forces ever: what the joints need for themselves
             grasp = self._world.grasp
             self._tau = np.clip(bias, grasp.tau_lo, grasp.tau_hi)
-        return Command(self._tau, solution, contacts, engagement, kept)
+        return Command(self._tau, f, solution, contacts, engagement, kept)
 
     # ---- 1  the wrench ---------------------------------------------------------------------
 

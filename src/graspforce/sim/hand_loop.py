@@ -96,6 +96,8 @@ class HandCommand(NamedTuple):
 
     tau: Array
     """What the motors are to give, in the order of ``joint_names``, shape (n_joints,)."""
+    f: Array
+    """The wrench that the object was to get, about its centre of mass, shape (6,) [N, N·m]."""
     solution: Solution
     kept: bool
     """Whether the tick found no forces, not even for the nearest wrench; ``tau`` is older then."""
@@ -253,7 +255,7 @@ class HandLoop:
             tau[self.holding] = solution.motor_forces
             self._tau = tau
         within = np.clip(self._tau, self.tau_lo, self.tau_hi)
-        return HandCommand(within, solution, kept, self.book.without_slot)
+        return HandCommand(within, f, solution, kept, self.book.without_slot)
 
     def target(self, t: float) -> tuple[Array, Array]:
         """Return where the object should be at time t [s], and how turned."""

@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import enum
 import importlib
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,7 @@ class Log:
         position_error: distance of the centre of mass from its target, shape (T,) [m].
         rotation_error: angle between object and target, shape (T,) [rad].
         yaw: the object's angle about z, without jumps, shape (T,) [rad].
+        f: wrench asked for, about the centre of mass, shape (T, 6) [N, N·m].
         engagement: of every contact, shape (T, n).
         c: contact forces asked for, in the contact frames, shape (T, 3 n) [N].
         force: contact forces that the physics gave at the end of the tick, world axes, shape
@@ -75,6 +77,7 @@ class Log:
     position_error: Array
     rotation_error: Array
     yaw: Array
+    f: Array
     engagement: Array
     c: Array
     force: Array
@@ -113,11 +116,11 @@ class Log:
         return cls(
             t=zeros(), qpos=zeros(nq), position=zeros(3), quaternion=zeros(4),
             target_position=zeros(3), position_error=zeros(), rotation_error=zeros(), yaw=zeros(),
-            engagement=zeros(n), force=zeros(n, 3), normal_force=zeros(n), point=zeros(n, 3),
-            normal=zeros(n, 3), clearance=zeros(n), tau=zeros(len(tau_max)), tau_max=tau_max,
-            slip=zeros(n), c=np.empty((0, 3 * n)), newton_steps=np.empty(0, np.int64),
-            status=np.empty(0, np.int64), kept=np.zeros(ticks, dtype=bool),
-            without_slot=np.zeros(ticks, np.int64),
+            f=zeros(6), engagement=zeros(n), force=zeros(n, 3), normal_force=zeros(n),
+            point=zeros(n, 3), normal=zeros(n, 3), clearance=zeros(n), tau=zeros(len(tau_max)),
+            tau_max=tau_max, slip=zeros(n), c=np.empty((0, 3 * n)),
+            newton_steps=np.empty(0, np.int64), status=np.empty(0, np.int64),
+            kept=np.zeros(ticks, dtype=bool), without_slot=np.zeros(ticks, np.int64),
         )  # fmt: skip
 
     def ended(self, ticks: int, ending: Ending, message: str) -> Log:
@@ -155,6 +158,29 @@ class Log:
         return int((away[:-1] & ~away[1:]).sum())
 
     # ---- files -----------------------------------------------------------------------------
+
+    @classmethod
+    def load(cls, path: str | Path) -> Log:
+        """Read a log that :meth:`save` wrote as .npz.
+
+        Raises:
+            InvalidInputError: no such file, or none of a log.
+        """
+        path = Path(path)
+        said = f"log: got {path}, expected the .npz of a log as graspforce simulate --log writes it"
+        if path.suffix.lower() != ".npz":
+            raise InvalidInputError(f"{said}; another ending does not have all of it")
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                arrays = {name: data[name] for name in (*_PER_TICK, "tau_max")}
+                ending, message = Ending[str(data["ending"])], str(data["message"])
+        except OSError as error:
+            raise InvalidInputError(f"{said} ({error.strerror or error})") from error
+        except KeyError as error:
+            raise InvalidInputError(f"{said}; it has no {error.args[0]}") from error
+        except (ValueError, zipfile.BadZipFile) as error:
+            raise InvalidInputError(f"{said}: {error}") from error
+        return cls(**arrays, ending=ending, message=message)
 
     def table(self) -> dict[str, Array]:
         """Return every column, shape (T,), by its name: ``tau_3``, ``point_2_x``, and so on."""

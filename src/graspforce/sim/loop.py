@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 
 import numpy as np
@@ -38,7 +38,7 @@ def run(trial: Trial, progress: Callable[[int], None] | None = None) -> Log:
 
 
 def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
-    side = _NamedFingers(trial) if trial.fingers else _AnyHand(trial)
+    side = closed(trial)
     world, disturbance = side.world, side.disturbance
     log = Log.blank(trial.ticks, trial.model.nq, side.contacts, side.tau_max)
     slip = np.zeros(side.contacts)
@@ -57,6 +57,7 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
                 f"; tick {tick} was the first that was not solved: {command.solution.message}"
             )
         side.write(log, tick)
+        log.f[tick] = command.f
         log.tau[tick], log.kept[tick], log.slip[tick] = command.tau, command.kept, slip
         log.without_slot[tick] = command.without_slot
         tau = disturbance.delayed(command.tau)
@@ -82,7 +83,12 @@ def _run(trial: Trial, progress: Callable[[int], None] | None) -> Log:
     return log.ended(len(columns), ending, message)
 
 
-class _NamedFingers:
+def closed(trial: Trial) -> NamedFingers | AnyHand:
+    """Return a trial's physics with its controller around it, at the start."""
+    return NamedFingers(trial) if trial.fingers else AnyHand(trial)
+
+
+class NamedFingers:
     """A trial whose fingers are named and make a contact each."""
 
     def __init__(self, trial: Trial) -> None:
@@ -92,6 +98,24 @@ class _NamedFingers:
         self._controller = Controller(trial, self.world)
         self._touches = self.world.touches()
         self.contacts, self.tau_max = len(trial.fingers), self.world.tau_max
+        self.fingers = tuple(f"finger {i + 1}" for i in range(self.contacts))
+        self.joints = tuple(name for finger in trial.fingers for name in finger.joints)
+
+    def plan(self, trial: Trial) -> None:
+        """Go on with other wishes for the same hand and object, from what is measured."""
+        self._trial = trial
+        self._controller = Controller(trial, self.world)
+
+    @property
+    def alpha(self) -> float:
+        """Weight of the linear limits."""
+        return 5.0 if self._trial.alpha is None else self._trial.alpha
+
+    @property
+    def decided(self) -> tuple[Array, Array]:
+        """Where the forces of the last tick act, shape (n, 3) [m], and frames, shape (n, 3, 3)."""
+        contacts = self._decided.contacts
+        return np.array([c.point for c in contacts]), np.array([c.frame for c in contacts])
 
     @property
     def forces(self) -> Array:
@@ -139,7 +163,7 @@ class _NamedFingers:
         ]
 
 
-class _AnyHand:
+class AnyHand:
     """A trial in which whatever touches holds the object."""
 
     def __init__(self, trial: Trial) -> None:
@@ -156,6 +180,37 @@ class _AnyHand:
         self.forces = np.zeros((self.contacts, 3))
         mj.mj_step1(model, data)
         self.loop.read()
+
+    def plan(self, trial: Trial) -> None:
+        """Go on with another alpha, which is all that can change while it holds."""
+        self.loop.alpha = trial.alpha
+
+    @property
+    def alpha(self) -> float | None:
+        """Weight of the linear limits; None before the first tick where the trial has none."""
+        return self.loop.alpha
+
+    @property
+    def decided(self) -> tuple[Array, Array]:
+        """As of named fingers; slots without contact, too."""
+        return self.loop.book.points, self.loop.book.frames
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """What makes each contact, numbered where it makes several."""
+        count: Counter[str] = Counter()
+        names: list[str] = []
+        for link in self.loop.links:
+            name = link or "spare"
+            count[name] += 1
+            names.append(f"{name} {count[name]}" if self.loop.links.count(link) > 1 else name)
+        return tuple(names)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints and tendons of the force problem, those that move what touches."""
+        loop = self.loop
+        return tuple(n for n, acts in zip(loop.joint_names, loop.holding, strict=True) if acts)
 
     @property
     def tau_max(self) -> Array:
@@ -238,7 +293,8 @@ class _DisturbanceModel:
         self._disturbance, self._world = trial.disturbance, world
         self._random = np.random.default_rng(trial.disturbance.seed)
         self._gravity = np.array(world.model.opt.gravity)
-        world.multiply_friction(trial.disturbance.friction)
+        self._friction = 1.0
+        self.set_friction(trial.disturbance.friction)
         self._delayed_torques: deque[Array] = deque()
         self._payload_applied = False
 
@@ -253,12 +309,18 @@ class _DisturbanceModel:
             sway = np.sin(phase) * np.array(disturbance.shake)
             self._world.model.opt.gravity[:] = self._gravity - sway
         if disturbance.pushes:
-            force = np.zeros(3)
+            wrench = np.zeros(6)
             for push in disturbance.pushes:
                 s = (t - push.start) / push.duration
                 if 0 <= s <= 1:
-                    force += np.sin(np.pi * s) * np.array(push.force)
-            self._world.push(force)
+                    wrench[:3] += np.sin(np.pi * s) * np.array(push.force)
+            self._world.push(wrench)
+
+    def set_friction(self, factor: float) -> None:
+        """Let the physics have so many times the friction that the controller knows of."""
+        if factor != self._friction:
+            self._world.multiply_friction(factor / self._friction)
+            self._friction = factor
 
     def _noise(self, deviation: float, *shape: int) -> Array:
         return self._random.normal(0.0, deviation, shape) if deviation else np.zeros(shape)
@@ -290,7 +352,7 @@ class _DisturbanceModel:
         points = seen.points + self._noise(disturbance.position_noise, *seen.points.shape)
         return Seen(
             points[there], seen.normals[there], seen.bodies[there],
-            seen.mu[there] / disturbance.friction, seen.gamma[there],
+            seen.mu[there] / self._friction, seen.gamma[there],
         )  # fmt: skip
 
     def delayed(self, tau: Array) -> Array:

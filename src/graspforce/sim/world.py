@@ -121,9 +121,12 @@ class Physics:
         self.model.geom_friction[:, 0] *= factor
         self.model.pair_friction[:, :2] *= factor
 
-    def push(self, force: Array) -> None:
-        """Set the force on the object's centre of mass; it acts until the next call [N]."""
-        self.data.xfrc_applied[self.body, :3] = force
+    def push(self, wrench: Array) -> None:
+        """Set the wrench on the object's centre of mass, shape (6,); it acts until the next call.
+
+        A body with others hanging on it is pushed at its own centre of mass [N, N·m].
+        """
+        self.data.xfrc_applied[self.body] = wrench
 
     def failure(self) -> str:
         """Return why the state is invalid; empty when it is valid."""

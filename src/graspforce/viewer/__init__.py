@@ -14,6 +14,7 @@ True
 ``problems``            the force problem that the knobs make, and its answer
 ``scene``, ``shapes``   the drawing
 ``panel``, ``words``    widgets, numbers, sentences
+``timeline``            forces over time
 ``remedy``              what would help, as knobs
 ``session``, ``server`` a client's thread; all clients
 ======================  ===============================================================
@@ -32,6 +33,6 @@ except ImportError as error:
 
 from graspforce.viewer.knobs import Knobs
 from graspforce.viewer.server import DEFAULT_PORT, Viewer
-from graspforce.viewer.subjects import open_hand, open_subject
+from graspforce.viewer.subjects import open_hand, open_scene, open_subject
 
-__all__ = ["DEFAULT_PORT", "Knobs", "Viewer", "open_hand", "open_subject"]
+__all__ = ["DEFAULT_PORT", "Knobs", "Viewer", "open_hand", "open_scene", "open_subject"]

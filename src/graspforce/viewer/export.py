@@ -38,6 +38,9 @@ def html(subject: Subject, knobs: Knobs, moving: bool = False) -> str:
         for t in times:
             now = knobs.changed(time=t)
             moment = subject.moment(now)
+            while subject.busy:  # a scene in physics, which is run when its time is asked for
+                subject.work(0.1)
+                moment = subject.moment(now)
             found = None if moment.problem is None else answer(moment.problem, now)
             scene.show(subject.bodies(now), moment, found)
             if serializer is None:

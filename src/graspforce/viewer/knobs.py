@@ -42,6 +42,7 @@ RANGES: dict[str, Range] = {
     "ceiling": Range(0.0, 1e4, "N"),
     "load": Range(0.0, 1e3),
     "push": Range(-1e3, 1e3, "N"),
+    "twist": Range(-1e2, 1e2, "N·m"),
     "tilt": Range(0.0, 180.0, "°"),
     "heading": Range(-180.0, 180.0, "°"),
     "move": Range(-1.0, 1.0, "m"),
@@ -75,6 +76,7 @@ class Knobs:
         ceiling: of every normal force [N]; 0 leaves the ceilings that the grasp has.
         load: the payload's mass [kg], or the factor on the load of a grasp without a mass.
         push: force on the object beside its weight, at its centre, world axes [N].
+        twist: torque on the object, world axes [N·m].
         tilt: how far gravity is turned away from straight down [°].
         heading: about z, from x, the direction to which it is tilted [°].
         move: how far the object is moved from where it belongs, world axes [m].
@@ -99,6 +101,7 @@ class Knobs:
     ceiling: float = 0.0
     load: float = 1.0
     push: Triple = (0.0, 0.0, 0.0)
+    twist: Triple = (0.0, 0.0, 0.0)
     tilt: float = 0.0
     heading: float = 0.0
     move: Triple = (0.0, 0.0, 0.0)
@@ -128,6 +131,11 @@ class Knobs:
     def gravity(self) -> Array:
         """The direction of gravity, shape (3,)."""
         return turned_down(self.tilt, self.heading) @ np.array([0.0, 0.0, -1.0])
+
+    @property
+    def applied(self) -> Array:
+        """What acts on the object beside its weight, [push; twist], shape (6,) [N, N·m]."""
+        return np.array([*self.push, *self.twist])
 
     def engagements(self, n: int) -> Array:
         """Return the engagement of n contacts."""

@@ -145,7 +145,11 @@ class Subject(Protocol):
 
     @property
     def items(self) -> tuple[str, ...]:
-        """Names of the grasps among which ``knobs.item`` chooses; empty for one."""
+        """Names of the grasps, or trials, among which ``knobs.item`` chooses; empty for one."""
+        ...
+
+    def alpha_of(self, item: int) -> float:
+        """Return the alpha that one of them has by itself."""
         ...
 
     def moment(self, knobs: Knobs) -> Moment:

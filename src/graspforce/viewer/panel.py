@@ -22,6 +22,7 @@ from graspforce.viewer import colours, words
 from graspforce.viewer.knobs import FIRMNESS, RANGES, SHAPES, Knobs
 from graspforce.viewer.moment import Moment, Subject
 from graspforce.viewer.problems import Answer
+from graspforce.viewer.timeline import Timeline
 
 # Of the live plots [s]; points are kept and sent this often at most.
 WINDOW, _PLOT_PERIOD = 10.0, 0.1
@@ -172,10 +173,6 @@ class Panel:
         self._wish.visible = knobs.firmness != "alpha"
         self._alpha.visible = self._slider.visible = knobs.firmness == "alpha"
 
-    def show_timeline(self, times: Array, normals: Array, now: float) -> None:
-        """Show normal forces over time, shapes (T,) and (T, n), with a cursor at ``now`` [s]."""
-        self._timeline.show(times, normals, now)
-
     # ---- groups of widgets -------------------------------------------------------------------
 
     def _add_choice(self) -> None:
@@ -186,18 +183,20 @@ class Panel:
         gui = self._gui
         last = len(items) - 1
         names = [f"{i} {name}" for i, name in enumerate(items[:_NAMED])]
-        with gui.add_folder("Grasps of the file"):
+        listed = self._has("list")
+        label = "Grasp" if listed else "Trial"
+        with gui.add_folder("Grasps of the file" if listed else "Trials of the scene"):
             if len(items) <= _NAMED:
                 self._bind(
                     gui.add_dropdown(
-                        "Grasp", names, initial_value=names[min(self._knobs.item, last)]
+                        label, names, initial_value=names[min(self._knobs.item, last)]
                     ),
                     lambda value: {"item": names.index(value)},
                     lambda knobs: names[min(knobs.item, last)],
                 )
             else:
                 self._bind(
-                    gui.add_number("Grasp", self._knobs.item, min=0, max=last, step=1),
+                    gui.add_number(label, self._knobs.item, min=0, max=last, step=1),
                     lambda value: {"item": min(max(value, 0), last)},
                     lambda knobs: min(knobs.item, last),
                 )
@@ -207,6 +206,8 @@ class Panel:
             async def _(event: Any) -> None:
                 self._actions.step(1 if step.value == "next" else -1)
 
+            if not listed:
+                return
             order = gui.add_dropdown("Sort the list by", ("place", "margin", "name"))
             self._on_update(order, self._actions.sort)
             self.listing = gui.add_html("")
@@ -298,10 +299,17 @@ class Panel:
                     gui.add_vector3(
                         "Push [N]", knobs.push, step=0.05,
                         hint="a force on the object beside its weight; also by dragging the "
-                        "object",
+                        "object, with Shift at the point where it is taken hold of",
                     ),
                     lambda value: {"push": value}, lambda knobs: knobs.push,
                 )  # fmt: skip
+                self._bind(
+                    gui.add_vector3(
+                        "Twist [N·m]", knobs.twist, step=0.001, hint="a torque on the object"
+                    ),
+                    lambda value: {"twist": value},
+                    lambda knobs: knobs.twist,
+                )
             if self._has("tilt"):
                 self._slide("Gravity tilted [°]", "tilt", 0.0, 180.0, 1.0)
                 self._slide("towards [°]", "heading", -180.0, 180.0, 1.0)
@@ -351,7 +359,7 @@ class Panel:
 
     def _add_time(self) -> None:
         gui, times = self._gui, self._subject.times
-        self._timeline = _Timeline(gui)
+        self.timeline = Timeline(gui)
         end = float(times[-1])
         self._slide("Time [s]", "time", 0.0, end, max(end / 1000, 1e-3))
         self.playing = gui.add_checkbox("Play", False)
@@ -373,13 +381,15 @@ class Panel:
         self.live = gui.add_checkbox("Run live", False)
         self._on_update(self.live, self._actions.physics)
         self.pace = gui.add_html("")
+        self._on_click(gui.add_button("Begin again", icon="refresh"), self._actions.again)
+        if not self._has("lift"):
+            return
         names = self._subject.fingers
         lift = gui.add_dropdown("Finger", names)
         self._on_click(
             gui.add_button("Lift it for a second"),
             lambda: self._actions.lift(names.index(lift.value)),
         )
-        self._on_click(gui.add_button("Begin again", icon="refresh"), self._actions.again)
 
     def _add_share(self) -> None:
         gui = self._gui
@@ -487,41 +497,3 @@ class _LivePlots:
             rows = np.array([each[1] for each in self._points])
             self._normal.data = (t, rows[:, 0].copy())
             self._shares.data = (t, rows[:, 1].copy(), rows[:, 2].copy())
-
-
-class _Timeline:
-    """Normal forces over the time of a scenario, with a cursor."""
-
-    def __init__(self, gui: Any) -> None:
-        self._gui, self._plot = gui, None
-        self._folder = gui.add_folder("Normal forces over time [N]")
-
-    def show(self, times: Array, normals: Array, now: float) -> None:
-        """Draw the forces, shape (T, n), and the cursor, a line upwards at ``now``."""
-        top = max(1.05 * float(np.nanmax(normals, initial=0.0)), 1e-6)
-        at = int(np.searchsorted(times, now))
-        t = np.insert(times, at, (now, now, now))
-        lines: list[Array] = []
-        for i in range(normals.shape[1]):
-            line: Array = normals[:, i]
-            value = float(np.interp(now, times, line))
-            lines.append(np.insert(line, at, (value, value, value)))
-        cursor = np.zeros(len(t))
-        cursor[at + 1] = top
-        data, scales = (t, *lines, cursor), {
-            "x": uplot.Scale(time=False), "y": uplot.Scale(range=(0.0, top)),
-        }  # fmt: skip
-        if self._plot is None:
-            names = [f"finger {i + 1}" for i in range(len(lines))]
-            strokes = [colours.FINGERS[i % len(colours.FINGERS)] for i in range(len(lines))]
-            series = (
-                uplot.Series(label="t [s]"),
-                *(uplot.Series(label=name, stroke=stroke, width=2)
-                  for name, stroke in zip(names, strokes, strict=True)),
-                uplot.Series(label="now", stroke=colours.INK, width=1),
-            )  # fmt: skip
-            with self._folder:
-                self._plot = self._gui.add_uplot(data, series, height=180, scales=scales)
-            return
-        self._plot.scales = scales
-        self._plot.data = data

@@ -49,8 +49,10 @@ def _changes(remedy: Remedy, problem: ForceProblem, knobs: Knobs) -> dict[str, A
             return {"ceiling": _up(float(remedy.problem.c_max.max()))}
         case "load":
             factor = -_up(-remedy.value)
-            push = tuple(factor * each for each in knobs.push)
-            return {"load": factor * knobs.load, "push": push}
+            push, twist = (
+                tuple(factor * each for each in vector) for vector in (knobs.push, knobs.twist)
+            )
+            return {"load": factor * knobs.load, "push": push, "twist": twist}
         case "finger":
             engagement = np.array(knobs.engagements(problem.n))
             back = int(np.argmax(remedy.problem.engagement - problem.engagement))

@@ -23,12 +23,13 @@ from graspforce.viewer.moment import Body, Moment, Pose, Subject
 from graspforce.viewer.problems import Answer
 
 # Sizes as shares of the object's [-].
-_CONE, _JOINT, _FRAME, _LABEL = 0.5, 0.1, 0.11, 0.12
+_CONE, _JOINT, _FRAME, _LABEL, _PATCH = 0.5, 0.1, 0.11, 0.12, 0.3
 _ARROW, _LONGEST = 0.75, 2.0  # of the longest arrow, at first and at most
 _SHAFT, _HEAD, _HEAD_LENGTH = 0.02, 0.05, 0.13
 # From where the camera looks at first, and how far off, in radii of what there is to see.
 _VIEW = np.array([-0.56, -0.73, 0.39])
 _DISTANCE = 2.0
+_FARTHEST = 2.5  # what is that many times the object's size away, as an arm, is not aimed at
 _CONE_OPACITY = 0.45
 
 
@@ -51,6 +52,7 @@ def aim(camera: Any, subject: Subject) -> None:
         if pose is not None and body.role != "ground":
             places = pose.position + body.vertices @ pose.rotation.T - subject.centre
             radius = max(radius, float(np.linalg.norm(places, axis=1).max()))
+    radius = min(radius, _FARTHEST * subject.size)
     camera.position = tuple(subject.centre + _DISTANCE * radius * _VIEW)
     camera.look_at = tuple(subject.centre)
     camera.near, camera.far = subject.size / 50, subject.size * 500
@@ -70,8 +72,9 @@ class Scene:
         api: of a client, or of a server whose scene is to be saved.
         subject: what is drawn.
         on_click: called with the ray of a click on the object, origin and direction in world axes.
-        on_pull: called while the object is dragged with the force that this stands for [N], world
-            axes, and whether it is over.
+        on_pull: called while the object is dragged with the wrench that this stands for, at its
+            centre, world axes, shape (6,) [N, N·m], and whether it is over. With Shift the force
+            acts where the object was taken hold of.
 
     Attributes:
         metres_per_newton: length of the arrows.
@@ -93,9 +96,9 @@ class Scene:
         self._shown_poses: Mapping[str, Pose] | None = None
         self._contacts: _Contacts | None = None
         self._joints: Any = None
-        self._wanted: Any = None
-        self._wanted_label: Any = None
-        self._push: Any = None
+        self._wanted = _WrenchArrows(api, "wanted", colours.WANTED, subject.size)
+        self._applied = _WrenchArrows(api, "applied", colours.PUSH, subject.size)
+        self._origin = np.zeros(3)
         self.metres_per_newton = self._first_scale = 0.0
         low = min(float(subject.centre[2]) - 1.5 * subject.size, 0.0)
         api.add_grid(
@@ -112,7 +115,7 @@ class Scene:
         answer: Answer | None,
         other: Array | None = None,
         binding: Sequence[Binding] = (),
-        push: Array | None = None,
+        applied: Array | None = None,
     ) -> None:
         """Draw a moment.
 
@@ -123,7 +126,7 @@ class Scene:
                 joints are grey, but for what binds.
             other: forces of another method, world axes, shape (n, 3) [N].
             binding: limits to paint red.
-            push: a force on the object at its centre, shape (3,) [N].
+            applied: what acts on the object beside its weight, shape (6,) [N, N·m].
         """
         contacts = {each.index for each in binding if each.kind in ("friction", "ceiling", "floor")}
         joints = {each.index for each in binding if each.kind == "torque"}
@@ -137,14 +140,15 @@ class Scene:
         forces = np.zeros((n, 3))
         if answer is not None and n:
             forces = contact_forces(moment, answer.solution.c)
-            sizes = np.linalg.norm([*forces, _wanted(answer)], axis=1)
+            sizes = np.linalg.norm([*forces, _wanted(answer)[:3]], axis=1)
             self._scale(float(sizes.max()))
         if self._contacts is not None:
             self._contacts.show(moment, answer, forces, other, self.metres_per_newton, contacts)
         self._show_joints(moment, answer, joints)
-        self._show_wanted(moment, answer)
-        if push is not None:
-            self._show_push(moment, push)
+        self._origin = moment.origin
+        self._wanted.show(moment.origin, _wanted(answer), self.metres_per_newton)
+        if applied is not None:
+            self._applied.show(moment.origin, applied, self.metres_per_newton)
 
     def _scale(self, largest: float) -> None:
         """Set the arrows' scale by the first forces; shorter where they would leave the view."""
@@ -197,13 +201,19 @@ class Scene:
 
         if pull is not None:
 
-            @handle.on_drag
-            async def _(event: Any) -> None:
+            async def dragged(event: Any) -> None:
+                if not self.metres_per_newton:
+                    return
                 way = np.subtract(event.end_position, event.start_position)
-                if self.metres_per_newton:
-                    pull(way / self.metres_per_newton, event.phase == "end")
+                wrench = np.append(way / self.metres_per_newton, np.zeros(3))
+                if event.modifier == "shift":
+                    wrench[3:] = np.cross(event.start_position - self._origin, wrench[:3])
+                pull(wrench, event.phase == "end")
 
-    # ---- joints and the wanted wrench --------------------------------------------------------
+            handle.on_drag(dragged)
+            handle.on_drag("left", modifier="shift")(dragged)
+
+    # ---- joints ------------------------------------------------------------------------------
 
     def _show_joints(self, moment: Moment, answer: Answer | None, blamed: set[int]) -> None:
         known: NDArray[np.bool_] = np.all(np.isfinite(moment.joint_points), axis=1)
@@ -227,28 +237,47 @@ class Scene:
         self._joints.batched_positions = points
         self._joints.batched_colors = colour
 
-    def _show_wanted(self, moment: Moment, answer: Answer | None) -> None:
-        f = _wanted(answer)
-        size = float(np.linalg.norm(f))
-        points = _arrows(moment.origin[None], f[None] * self.metres_per_newton)
-        if self._wanted is None:
-            self._wanted = self._api.add_arrows(
-                "/wanted", points, colours.rgb(colours.WANTED), **_radii(self._subject.size)
-            )
-            self._wanted_label = self._api.add_label("/wanted_label", "", anchor="bottom-center")
-        self._wanted.points = points
-        self._wanted.visible = self._wanted_label.visible = size > 0
-        self._wanted_label.text = f"wanted {size:.2f} N"
-        self._wanted_label.position = points[0, 1]
 
-    def _show_push(self, moment: Moment, push: Array) -> None:
-        if self._push is None:
-            self._push = self._api.add_arrows(
-                "/push", np.zeros((1, 2, 3)), colours.rgb(colours.PUSH),
-                **_radii(self._subject.size),
-            )  # fmt: skip
-        self._push.visible = bool(push.any())
-        self._push.points = _arrows(moment.origin[None], push[None] * self.metres_per_newton)
+class _WrenchArrows:
+    """A wrench at a point: an arrow for the force, a thin one for the torque, and a label.
+
+    The torque's arrow is as long as that of the force that has it at an arm of the object's size.
+    """
+
+    def __init__(self, api: Any, name: str, colour: str, size: float) -> None:
+        self._size, self._name = size, name
+        nothing = np.zeros((1, 2, 3))
+        self._force, self._torque = (
+            api.add_arrows(
+                f"/{name}/{kind}", nothing, colours.rgb(colour), visible=False, **_radii(width)
+            )
+            for kind, width in (("force", size), ("torque", 0.6 * size))
+        )
+        self._label = api.add_label(f"/{name}/label", "", anchor="bottom-center", visible=False)
+
+    def show(self, origin: Array, wrench: Array, scale: float) -> None:
+        """Draw it.
+
+        Args:
+            origin: shape (3,) [m].
+            wrench: [force; torque], shape (6,) [N, N·m].
+            scale: [m/N].
+        """
+        force, torque = wrench[:3], wrench[3:] / self._size
+        sizes = np.linalg.norm([force, torque], axis=1)
+        # What is below a fiftieth of the other would be a dot.
+        shown: list[bool] = [bool(each > 0.02 * sizes.max()) for each in sizes]
+        longer = max((force, torque), key=lambda each: float(each @ each))
+        self._force.visible, self._torque.visible = shown
+        self._label.visible = any(shown)
+        if not any(shown):
+            return
+        self._force.points = _arrows(origin[None], scale * force[None])
+        self._torque.points = _arrows(origin[None], scale * torque[None])
+        parts = (f"{sizes[0]:.2f} N", f"{self._size * sizes[1]:.3f} N·m")
+        said = ", ".join(part for part, there in zip(parts, shown, strict=True) if there)
+        self._label.text = f"{self._name} {said}"
+        self._label.position = origin + scale * longer
 
 
 class _Contacts:
@@ -321,8 +350,11 @@ class _Contacts:
         if other is not None:
             self._others.points = _arrows(points, scale * other, at_head=True)
         sizes = np.linalg.norm(forces, axis=1)
+        # Of points of one patch the one with the largest force has the label.
+        near = np.linalg.norm(points[:, None] - points, axis=2) < _PATCH * self._size
+        behind = near & (sizes[None] > sizes[:, None]) & (here > 0)[None]
         for i, label in enumerate(self._labels):
-            label.visible = bool(here[i])
+            label.visible = bool(here[i]) and not behind[i].any()
             label.text = f"{sizes[i]:.2f} N"
             away = -normals[i] if sizes[i] == 0 else -forces[i] / sizes[i]
             label.position = points[i] + (scale * sizes[i] + _LABEL * self._size) * away
@@ -340,11 +372,11 @@ def contact_forces(moment: Moment, c: Array) -> Array:
 
 
 def _wanted(answer: Answer | None) -> Array:
-    """Return the force that is asked for, shape (3,) [N]; of three rows the third is a torque."""
-    force, f = np.zeros(3), np.zeros(0) if answer is None else answer.problem.f
-    count = 2 if len(f) == 3 else 3
-    force[: len(f[:count])] = f[:count]
-    return force
+    """Return the wrench that is asked for, shape (6,); three rows are x, y, the torque about z."""
+    wrench, f = np.zeros(6), np.zeros(0) if answer is None else answer.problem.f
+    places = [0, 1, 5] if len(f) == 3 else np.arange(min(len(f), 6))
+    wrench[places] = f[: len(places)]
+    return wrench
 
 
 def _blamed(count: int, blamed: set[int]) -> Any:

@@ -23,21 +23,24 @@ from graspforce._util.arrays import Array
 from graspforce.answers.diagnosis import diagnose
 from graspforce.baselines import METHODS
 from graspforce.errors import GraspForceError, InvalidInputError
+from graspforce.solution import Solution
 from graspforce.solve import solve
 from graspforce.viewer import export, words
-from graspforce.viewer.knobs import Knobs, rotation
+from graspforce.viewer.knobs import RANGES, Knobs, rotation
 from graspforce.viewer.moment import Moment, Subject
 from graspforce.viewer.panel import Panel
 from graspforce.viewer.problems import Answer, answer
 from graspforce.viewer.remedy import knobs_for
 from graspforce.viewer.scene import Scene, contact_forces
+from graspforce.viewer.timeline import Forces
 
 # Redraws a second: at most, and while something moves by itself.
 _MOST_RATE, _RATE = 60.0, 30.0
 # Of the physics in a redraw, of forces over time while nothing else is to do, of a subject's own
 # work between redraws [s].
 _BUDGET, _SLICE, _WORK = 0.025, 0.015, 0.05
-_TIMELINE = 100  # points
+# Forces over time: points that are solved first, and ticks at most.
+_TIMELINE, _TICKS = 100, 1000
 # Grasps of a file: those that are solved for the list, and those that it shows.
 _SOLVED, _LISTED = 20_000, 500
 
@@ -77,7 +80,7 @@ class Session:
         self._gizmo_held = False
         self._moment: Moment | None = None
         self._order = list(range(len(subject.items)))
-        self._timeline: tuple[Array, Array] | None = None
+        self._timeline: tuple[Forces, ...] = ()
         self._timeline_of: Knobs | None = None
         self._job: Iterator[None] | None = None
         self._panel = Panel(client, subject, knobs, self, lambda: link(self._knobs))
@@ -87,7 +90,7 @@ class Session:
             self._pull if "push" in subject.controls else None,
         )  # fmt: skip
         self._thread = threading.Thread(target=self._run, name="graspforce page", daemon=True)
-        if len(subject.items) > 1:
+        if len(subject.items) > 1 and "list" in subject.controls:
             self._tasks.append(self._list)
         self._wake.set()
         self._thread.start()
@@ -111,8 +114,9 @@ class Session:
     def turn(self, **changes: Any) -> None:
         """Turn knobs; what is out of range is said and not done."""
         if "item" in changes and "alpha" not in changes:
-            subject: Any = self._subject
-            changes["alpha"] = subject.problems[changes["item"]].alpha
+            changes["alpha"] = self._subject.alpha_of(changes["item"])
+            if self._loop is not None:
+                self.physics(True)
         try:
             with self._turning:
                 self._knobs = self._knobs.changed(**changes)
@@ -147,7 +151,7 @@ class Session:
     def physics(self, on: bool) -> None:
         """Let the closed loop run, or leave it."""
         subject: Any = self._subject
-        self._do(lambda: setattr(self, "_loop", subject.live() if on else None))
+        self._do(lambda: setattr(self, "_loop", subject.live(self._knobs) if on else None))
 
     def lift(self, finger: int) -> None:
         """Let a finger leave the object in physics and come back."""
@@ -175,9 +179,12 @@ class Session:
         picked = subject.pick(self._knobs, origin, direction, self._panel.next_finger)
         self.turn(picks=picked.picks)
 
-    def _pull(self, force: Array, over: bool) -> None:
-        push = np.zeros(3) if over and self._loop is not None else np.clip(force, -1e3, 1e3)
-        self.turn(push=tuple(push.tolist()))
+    def _pull(self, wrench: Array, over: bool) -> None:
+        if over and self._loop is not None:
+            wrench = np.zeros(6)
+        most = [RANGES[each].high for each in ("push", "twist") for _ in range(3)]
+        x, y, z, *twist = np.clip(wrench, np.negative(most), most).tolist()
+        self.turn(push=(x, y, z), twist=tuple(twist))
 
     def _do(self, task: Callable[[], Any]) -> None:
         self._tasks.append(task)
@@ -231,7 +238,7 @@ class Session:
         seconds = self._panel.speed * min(seconds, 0.2)
         if self._loop is not None:
             knobs = self._knobs
-            self._loop.set(knobs.alpha, knobs.friction, np.array(knobs.push))
+            self._loop.set(knobs.alpha, knobs.friction, knobs.applied)
             done = self._loop.advance(seconds, _BUDGET)
             share = done / seconds if seconds > 0 else 0.0
             self._panel.pace.content = words.pace(self._loop.tick.t, share, self._loop.ended)
@@ -245,7 +252,7 @@ class Session:
         subject: Any = self._subject
         try:
             live = self._loop is not None
-            moment = subject.live_moment(self._loop) if live else subject.moment(knobs)
+            moment = subject.live_moment(self._loop, knobs) if live else subject.moment(knobs)
             found = None if moment.problem is None else answer(moment.problem, knobs)
         except GraspForceError as error:
             # An object out of reach, a wish that cannot be: back to what was.
@@ -272,7 +279,7 @@ class Session:
 
     def _show(self, moment: Moment, found: Answer | None, knobs: Knobs, other: Any) -> None:
         bodies = self._subject.bodies(knobs)
-        self._scene.show(bodies, moment, found, other, push=np.array(knobs.push))
+        self._scene.show(bodies, moment, found, other, applied=knobs.applied)
 
     def _explain(self, moment: Moment, found: Answer, knobs: Knobs) -> None:
         """Say why there are no forces, paint what binds, offer what would help."""
@@ -284,7 +291,7 @@ class Session:
         with self._client.atomic():
             self._scene.show(
                 self._subject.bodies(knobs), moment, found, None, known.binding,
-                np.array(knobs.push),
+                knobs.applied,
             )  # fmt: skip
             self._panel.show(moment, found, words.verdict(moment, found, known))
             self._panel.offer(offers)
@@ -314,22 +321,54 @@ class Session:
         timeless = knobs.changed(time=0.0)
         if timeless != self._timeline_of and not self._subject.busy:
             self._timeline_of, self._job = timeless, self._solve_timeline(timeless)
-        if self._timeline is not None:
-            self._panel.show_timeline(*self._timeline, knobs.time)
+        self._show_timeline()
+
+    def _show_timeline(self) -> None:
+        if self._timeline:
+            self._panel.timeline.show(self._subject.fingers, self._timeline, self._knobs.time)
 
     def _solve_timeline(self, knobs: Knobs) -> Iterator[None]:
-        times = np.linspace(0.0, float(self._subject.times[-1]), _TIMELINE)
-        normals: list[Array] = []
-        for t in times:
-            moment = self._subject.moment(knobs.changed(time=float(t)))
-            if moment.problem is None:
-                return
-            found = answer(moment.problem, knobs)
-            forces = found.solution.normal_forces
-            normals.append(forces if found.solved else np.full(len(forces), math.nan))
+        """Solve a few ticks, then all, then all by the other method; show what there is."""
+        ticks = self._subject.times
+        ticks = ticks[:: -(-len(ticks) // _TICKS)]
+        few = ticks[:: max(len(ticks) // _TIMELINE, 1)]
+        name = "WBF"
+        normals: dict[float, Array] = {}
+        for times in (few, ticks):
+            for t in times.tolist():
+                if t not in normals:
+                    now = knobs.changed(time=t)
+                    moment = self._subject.moment(now)
+                    found = None if moment.problem is None else answer(moment.problem, now)
+                    normals[t] = self._normals(moment, None if found is None else found.solution)
+                    yield
+            forces = Forces(name, times, np.array([normals[t] for t in times.tolist()]))
+            self._timeline = (forces,)
+            self._show_timeline()
+        if knobs.other not in METHODS:
+            return
+        method: Any = importlib.import_module(METHODS[knobs.other])
+        rows: list[Array] = []
+        for t in ticks.tolist():
+            moment = self._subject.moment(knobs.changed(time=t))
+            rows.append(self._normals(moment, moment.problem and method.solve(moment.problem)))
             yield
-        self._timeline = times, np.array(normals)
-        self._panel.show_timeline(*self._timeline, self._knobs.time)
+        self._timeline = (*self._timeline, Forces(knobs.other, ticks, np.array(rows)))
+        self._show_timeline()
+
+    def _normals(self, moment: Moment, solution: Solution | None) -> Array:
+        """Return normal forces in the order of the subject's fingers, NaN where there are none."""
+        fingers = self._subject.fingers
+        if solution is None or solution.status is not Status.SOLVED:
+            return np.full(len(fingers), math.nan)
+        forces = solution.normal_forces
+        if len(forces) == len(fingers):
+            return forces
+        row = np.zeros(len(fingers))  # a log has the contacts that touch
+        for name, force in zip(moment.fingers, forces, strict=True):
+            if name in fingers:
+                row[fingers.index(name)] += force
+        return row
 
     def _go_on(self) -> None:
         """Go on with the forces over time for a little while."""
@@ -337,7 +376,7 @@ class Session:
         try:
             while self._job is not None and time.monotonic() < end and not self._wake.is_set():
                 next(self._job)
-        except (StopIteration, GraspForceError):
+        except (StopIteration, GraspForceError, np.linalg.LinAlgError):
             self._job = None
 
     # ---- further tasks -----------------------------------------------------------------------

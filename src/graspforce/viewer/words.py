@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,10 +15,14 @@ from graspforce.viewer import colours
 from graspforce.viewer.moment import Moment
 from graspforce.viewer.problems import Answer
 
+if TYPE_CHECKING:
+    from graspforce.viewer.timeline import Forces
+
 _TABLE = (
     'style="border-collapse:collapse;width:calc(100% - 1.2em);margin:0 .6em;font-size:0.8em;'
     'line-height:1.5"'
 )
+_MANY = 8  # of more contacts those that do not touch are not listed
 _CELL = 'style="text-align:right;padding:0 .3em;white-space:nowrap"'
 
 
@@ -81,6 +87,7 @@ def numbers(moment: Moment, answer: Answer | None) -> str:
         f"<td {_CELL}>{number(sizes[i])}</td><td {_CELL}>{number(float(problem.mu[i]))}</td>"
         f"<td {_CELL}>{bars[i]}</td></tr>"
         for i, name in enumerate(moment.fingers)
+        if problem.active[i] or problem.n <= _MANY
     ]
     heads = ("normal [N]", "force [N]", "mu", "cone used")
     text = f"<table {_TABLE}><tr><th></th>{_heads(heads)}</tr>{''.join(rows)}</table>"
@@ -100,8 +107,11 @@ def legend() -> str:
     """Return what the colours and shapes of the scene mean."""
     lines = [
         (_dots(colours.FINGERS), "arrows: the force of each finger on the object, ending at it"),
-        (_dot(colours.WANTED), "arrow: the force that the fingers together shall exert"),
-        (_dot(colours.PUSH), "arrow: the push on the object beside its weight"),
+        (
+            _dot(colours.WANTED),
+            "arrow: the wrench that the fingers together shall exert; thin: its torque",
+        ),
+        (_dot(colours.PUSH), "arrow: the push on the object beside its weight; thin: a twist"),
         (_dot(colours.OTHER), "arrows: the forces of another method, or of the physics"),
         (
             f'<span style="display:inline-block;width:3.5em;height:.8em;border-radius:.2em;'
@@ -129,6 +139,27 @@ def listing(rows: list[tuple[str, str, float]]) -> str:
     return (
         f'<div class="gf-list" style="max-height:16em;overflow:auto;margin:0 .6em">'
         f"<table {_TABLE}><tr><th></th>{_heads(('status', 'margin [N]'))}</tr>{lines}</table></div>"
+    )
+
+
+def jumps(found: Sequence[Forces], fingers: Sequence[str]) -> str:
+    """Return how often the forces of each method jump from a tick to the next, and how far."""
+    said: list[str] = []
+    most = max(each.largest for each in found)
+    for each in found:
+        ticks, changes = each.jumps(most), each.changes()
+        if not len(ticks):
+            said.append(f"{escape(each.method)}: none")
+            continue
+        tick, finger = np.unravel_index(int(changes.argmax()), changes.shape)
+        largest = number(float(changes[tick, finger]), "N")
+        said.append(
+            f"{escape(each.method)}: {len(ticks)}, the largest {largest} of "
+            f"{escape(fingers[int(finger)])} at {each.times[tick + 1]:.3f} s"
+        )
+    return (
+        f'<div class="gf-jumps" style="font-size:0.8em;margin:0 .8em">Jumps from tick to tick: '
+        f"{'; '.join(said)}</div>"
     )
 
 

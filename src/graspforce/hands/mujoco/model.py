@@ -534,11 +534,15 @@ class MujocoConfiguration:
         )  # fmt: skip
         return twist[:, self._dofs]
 
-    def position(self, link: str) -> Array:
-        """Return the origin of a body or site, shape (3,) [m]."""
+    def position(self, link: str, at: Array | None = None) -> Array:
+        """Return the origin of a body or site, or the point ``at`` in its frame, (3,) [m]."""
         kind, index = find_link(self._model, link)
-        origins = self._data.xpos if kind == "body" else self._data.site_xpos
-        return np.array(origins[index])
+        data = self._data
+        origins, axes = (
+            (data.xpos, data.xmat) if kind == "body" else (data.site_xpos, data.site_xmat)
+        )
+        origin = np.array(origins[index])
+        return origin if at is None else origin + axes[index].reshape(3, 3) @ at
 
     def chain(self, link: str) -> Array:
         """Return where the joints are that move a link, and the link, from the base, (k, 3) [m]."""

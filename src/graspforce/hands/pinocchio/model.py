@@ -206,9 +206,10 @@ class PinocchioConfiguration:
             twist[:3] += np.cross(twist[3:], point - self.position(link), axis=0)
         return twist[:, self._dofs]
 
-    def position(self, link: str) -> Array:
-        """Return the origin of a frame, shape (3,) [m]."""
-        return np.array(self._data.oMf[self._frames[link]].translation)
+    def position(self, link: str, at: Array | None = None) -> Array:
+        """Return the origin of a frame, or the point ``at`` in it, shape (3,) [m]."""
+        frame = self._data.oMf[self._frames[link]]
+        return np.array(frame.translation if at is None else frame.act(at))
 
     def chain(self, link: str) -> Array:
         """Return where the joints are that move a link, and the link, from the base, (k, 3) [m]."""

@@ -27,7 +27,7 @@ class FileSubject:
         grasps: at least one.
     """
 
-    controls = frozenset({"tilt", "heading"})
+    controls = frozenset({"push", "tilt", "heading", "list"})
     load_unit = "times"
     busy = False
     fingers: tuple[str, ...] = ()
@@ -55,6 +55,10 @@ class FileSubject:
         """Return the hulls of all grasps' contacts."""
         return self._bodies
 
+    def alpha_of(self, item: int) -> float:
+        """Return the alpha that the file gives a grasp."""
+        return self.problems[item].alpha
+
     def work(self, seconds: float) -> None:
         """There is nothing to compute beforehand."""
 
@@ -71,6 +75,8 @@ class FileSubject:
         if len(f) >= 6 and knobs.tilt:
             R = turned_down(knobs.tilt, knobs.heading)
             f[:3], f[3:6] = R @ f[:3], R @ f[3:6]
+        # A body in the plane has x, y and the torque about z.
+        f[:6] -= knobs.applied[[0, 1, 5]] if len(f) == 3 else knobs.applied[: len(f)]
         has = given.layout.ceilings
         problem = turn_knobs(
             given.replace(f=f), knobs, given.engagement if has else np.ones(given.n),

@@ -84,6 +84,10 @@ class HandSubject:
         """Return hand and object."""
         return (*self._drawing.bodies, self._object(knobs.shape, knobs.size))
 
+    def alpha_of(self, item: int) -> float:
+        """Return the alpha of the only grasp."""
+        return self.knobs.alpha
+
     def work(self, seconds: float) -> None:
         """There is nothing to compute beforehand."""
 
@@ -112,7 +116,8 @@ class HandSubject:
             return Moment(poses, (), position, None, (), (), np.zeros((0, 3)), note)
         grasp = Grasp(contacts, self._hand.touching(links), q, position)
         f = np.zeros(6)
-        f[:3] = -knobs.load * GRAVITY * knobs.gravity - np.array(knobs.push)
+        f[:3] = -knobs.load * GRAVITY * knobs.gravity
+        f -= knobs.applied
         n = len(contacts)
         problem = turn_knobs(grasp.problem(f), knobs, np.ones(n), None, _CEILING)
         return Moment(

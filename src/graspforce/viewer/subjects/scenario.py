@@ -55,11 +55,15 @@ class ScenarioSubject:
             ]
         self._bodies = tuple(bodies)
         # Most knobs leave the geometry as it is.
-        self._placed = lru_cache(512)(self._place)
+        self._placed = lru_cache(1024)(self._place)
 
     def bodies(self, knobs: Knobs) -> tuple[Body, ...]:
         """Return hand and cube."""
         return self._bodies
+
+    def alpha_of(self, item: int) -> float:
+        """Return the alpha of the only grasp."""
+        return self.knobs.alpha
 
     def work(self, seconds: float) -> None:
         """There is nothing to compute beforehand."""
@@ -83,7 +87,7 @@ class ScenarioSubject:
                 state.angular_acceleration,
                 gravity=0.0,
             )
-        f[:3] -= knobs.push
+        f -= knobs.applied
         problem = turn_knobs(
             grasp.problem(f), knobs, scenario.engagement(t), scenario.c_max, CEILING
         )

@@ -1,16 +1,24 @@
-"""Simulated scenes as subjects: run once for all pages, or live for one of them."""
+"""Simulated scenes as subjects: run once for all pages, live for one of them, or from a log."""
 
 from __future__ import annotations
 
 import threading
 import time
-from typing import Any
+import warnings
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
 from graspforce import sim
 from graspforce._util.arrays import Array
-from graspforce.sim import Trial
+from graspforce.contact import model_of
+from graspforce.errors import GraspForceError, GraspForceWarning, InvalidInputError
+from graspforce.grasp import Grasp
+from graspforce.problem import ForceProblem
+from graspforce.sim import Log, Trial
 from graspforce.sim.mujoco_import import mj, silenced_warnings
 from graspforce.viewer.knobs import Knobs, turned_down
 from graspforce.viewer.moment import Body, Moment
@@ -19,87 +27,200 @@ from graspforce.viewer.problems import turn_knobs
 from graspforce.viewer.subjects import mujoco_bodies
 
 SCENES = sim.NAMES
-# Of scenes that make many trials, the one that is shown where nothing else is asked for.
-_CHOICES: dict[str, dict[str, Any]] = {"allegro": {"shape": "sphere", "gravity": "fingers_up"}}
+HANDS = sim.HANDS
 _CEILING = 20.0  # of a contact that is to leave and has none [N]
+# How far a contact of a log may be from where the physics has it, and be the same [m].
+_SAME = 2e-3
+# How far joint positions at the start of a log may be from the scene's [rad, m].
+_START = 0.02
 
 
-def open_trial(name: str, **options: Any) -> TrialSubject:
-    """Return a scene of ``graspforce.sim``, its first trial.
+def trials(name: str) -> tuple[Trial, ...] | None:
+    """Return the trials of a scene, or of a hand that closes on its object; None for neither."""
+    scene, hand = name.removeprefix("sim/"), name.removeprefix("hand/")
+    if scene in SCENES:
+        return sim.get(scene)
+    if hand != name and hand in HANDS:
+        return sim.own(sim.hand_model(hand), "object", name=f"{hand} hand")
+    return None
 
-    Args:
-        name: one of ``sim.NAMES``.
-        **options: of the scene, as for :func:`graspforce.sim.get`.
+
+def own(path: str | Path, body: str) -> tuple[Trial, ...]:
+    """Return the trial of a scene of the user's.
+
+    Raises:
+        InvalidInputError, ModelImportError: as :func:`graspforce.sim.own`.
     """
-    trials = sim.get(name, **(_CHOICES.get(name, {}) | options))
-    return TrialSubject(trials[0])
+    return sim.own(sim.load(path), body, name=Path(path).stem)
 
 
 class TrialSubject:
     """A simulated scene.
 
     Args:
-        trial: the scene; it is run when the time of a page first leaves 0.
+        trials: at least one; each is run when the time of a page with it first leaves 0.
+        title: of the page.
+        log: of the only trial, an .npz, which is played in place of a run.
+
+    Raises:
+        InvalidInputError: a log of another scene.
     """
 
-    items: tuple[str, ...] = ()
     load_unit = "kg"
-    controls = frozenset({"push", "tilt", "heading", "physics"})
 
-    def __init__(self, trial: Trial) -> None:
-        assert trial.alpha is not None  # as of named fingers
-        assert trial.motion is not None
-        self.trial = trial
-        self.title, self.summary = trial.name, trial.summary
-        self.times: Array = np.arange(trial.ticks) / trial.rate
-        model, body = trial.model, trial.model.body(trial.body).id
-        self._mass = float(model.body_subtreemass[body])
-        self._data = mj.MjData(model)
-        held = body if trial.ground is None else -1
-        self._drawn: dict[int, Body] = mujoco_bodies.bodies(model, held)
-        self._bodies = tuple(self._drawn.values())
-        points = np.array([grip.point for grip in trial.grips])
+    def __init__(self, trials: Sequence[Trial], title: str, log: str | Path | None = None) -> None:
+        self._trials = tuple(trials)
+        self._scenes: dict[int, _Scene] = {}
+        self._opening = threading.Lock()
+        first = self._scene(0)
+        tick, trial = first.loop.tick, first.trial
+        assert tick.problem is not None  # as of a loop
+        self.title, self.summary = title, trial.summary
+        self.items = tuple(each.name for each in self._trials) if len(self._trials) > 1 else ()
+        self.centre: Array = tick.origin.copy()
+        self.fingers = tick.fingers
+        points = tick.points[tick.problem.active]
         self.size = float(np.linalg.norm(points[:, None] - points, axis=-1).max())
-        self.knobs = Knobs(alpha=trial.alpha, load=self._mass)
-        self._lock, self._working, self._wanted = threading.Lock(), threading.Lock(), False
-        self.fingers = tuple(f"finger {i + 1}" for i in range(len(trial.fingers)))
-        self._joints = tuple(name for finger in trial.fingers for name in finger.joints)
-        self.centre: Array = trial.motion.at(0.0).position.copy()
-        with silenced_warnings():
-            self._loop = Loop(trial)
-        self._ticks: list[Tick] = [self._loop.tick]
-        self.failed = ""
+        self.knobs = Knobs(alpha=first.loop.alpha, load=first.loop.mass)
+        self._free = first.loop.free
+        controls = {"physics"}
+        if self._free:
+            controls |= {"push", "tilt", "heading"}
+        if trial.fingers:
+            controls |= {"lift"}
+        self.controls = frozenset(controls)
+        if log is not None:
+            if len(self._trials) > 1:
+                raise InvalidInputError(
+                    f"log: got one to {len(self._trials)} trials, expected a scene that is one"
+                )
+            first.source = _Replay(trial, first.loop, Log.load(log))
+            self.title = f"{title}, a log"
+        self.times: Array = first.source.times
 
     @property
     def busy(self) -> bool:
-        """Whether the scene is being run."""
-        return self._wanted and len(self._ticks) < len(self.times) and not self.failed
+        """Whether a scene is being run."""
+        return any(each.source.busy for each in tuple(self._scenes.values()))
+
+    def work(self, seconds: float) -> None:
+        """Go on with the runs for about that time; one page does it for all."""
+        for each in tuple(self._scenes.values()):
+            if each.source.busy:
+                each.source.work(seconds)
+
+    def alpha_of(self, item: int) -> float:
+        """Return the alpha of a trial."""
+        return self._scene(item).loop.alpha
 
     def bodies(self, knobs: Knobs) -> tuple[Body, ...]:
         """Return the model's geoms."""
-        return self._bodies
+        return self._scene(knobs.item).bodies
 
     def moment(self, knobs: Knobs) -> Moment:
         """Return a tick of the run, as far as it has come, with the knobs' changes."""
-        self._wanted = self._wanted or knobs.time > 0
-        wanted = round(knobs.time * self.trial.rate)
-        tick = self._ticks[min(wanted, len(self._ticks) - 1)]
+        scene = self._scene(knobs.item)
+        tick = scene.source.at(knobs.time)
         given = tick.problem
-        f = given.f * (knobs.load / self._mass)
-        weight = knobs.load * np.array(self.trial.model.opt.gravity)
-        f[:3] += weight - turned_down(knobs.tilt, knobs.heading) @ weight - np.array(knobs.push)
+        if given is None:
+            return scene.drawn_at(tick, None, "Nothing touches the object.")
+        f, mass = given.f.copy(), scene.loop.mass
+        if self._free:
+            f[:6] = tick.f * (knobs.load / mass)
+            weight = knobs.load * np.array(scene.trial.model.opt.gravity)
+            f[:3] += weight - turned_down(knobs.tilt, knobs.heading) @ weight
+            f[:6] -= knobs.applied
         ceilings = given.layout.ceilings
+        # Another load or grip than the loop's is no change from its last forces.
+        given = given.replace(f=f, c_last=None, dc_max=None)
         problem = turn_knobs(
-            given.replace(f=f), knobs, given.engagement if ceilings else np.ones(given.n),
+            given, knobs, given.engagement if ceilings else np.ones(given.n),
             given.c_max if ceilings else None, _CEILING,
         )  # fmt: skip
-        note = self.failed
-        if self.busy:
-            note = f"the scene is being run: {len(self._ticks) / len(self.times):.0%}"
-        return self._drawn_at(tick, problem, note)
+        return scene.drawn_at(tick, problem, scene.source.note)
+
+    def live(self, knobs: Knobs) -> Loop:
+        """Return the scene from its beginning, without its disturbances, to play with."""
+        return Loop(self._scene(knobs.item).trial, disturbed=False)
+
+    def live_moment(self, loop: Loop, knobs: Knobs) -> Moment:
+        """Return where a live loop stands."""
+        return self._scene(knobs.item).drawn_at(loop.tick, loop.tick.problem, loop.ended)
+
+    def _scene(self, item: int) -> _Scene:
+        item = min(item, len(self._trials) - 1)
+        with self._opening:
+            if item not in self._scenes:
+                self._scenes[item] = _Scene(self._trials[item])
+            return self._scenes[item]
+
+
+class _Source(Protocol):
+    """Where the ticks of a scene come from."""
+
+    times: Array
+
+    @property
+    def busy(self) -> bool: ...
+
+    @property
+    def note(self) -> str: ...
+
+    def at(self, t: float) -> Tick: ...
+
+    def work(self, seconds: float) -> None: ...
+
+
+class _Scene:
+    """A trial, and what is drawn of it."""
+
+    def __init__(self, trial: Trial) -> None:
+        self.trial, self.loop = trial, Loop(trial)
+        self.source: _Source = _Run(trial, self.loop)
+        self._data, self._drawing = mj.MjData(trial.model), threading.Lock()
+        held = trial.model.body(trial.body).id if trial.ground is None else -1
+        self._drawn: dict[int, Body] = mujoco_bodies.bodies(trial.model, held)
+        self.bodies = tuple(self._drawn.values())
+
+    def drawn_at(self, tick: Tick, problem: ForceProblem | None, note: str) -> Moment:
+        """Return a tick, with a problem in place of its own."""
+        with self._drawing:  # several pages draw from the same data
+            self._data.qpos[:] = tick.qpos
+            mj.mj_kinematics(self.trial.model, self._data)
+            poses = mujoco_bodies.poses(self._data, self._drawn)
+            points = mujoco_bodies.joint_points(self.trial.model, self._data, tick.joints)
+        return Moment(
+            poses, tick.contacts, tick.origin, problem, tick.fingers, tick.joints, points, note,
+            tick.force,
+        )  # fmt: skip
+
+
+class _Run:
+    """The ticks of a run that goes on while it is looked at."""
+
+    def __init__(self, trial: Trial, loop: Loop) -> None:
+        self.times: Array = np.arange(trial.ticks) / trial.rate
+        self._rate, self._loop, self._ticks = trial.rate, loop, [loop.tick]
+        self._working, self._wanted, self._failed = threading.Lock(), False, ""
+
+    @property
+    def busy(self) -> bool:
+        """Whether it has been asked for and is not at its end."""
+        return self._wanted and len(self._ticks) < len(self.times) and not self._failed
+
+    @property
+    def note(self) -> str:
+        """How far it is, or how it failed."""
+        share = len(self._ticks) / len(self.times)
+        return f"the scene is being run: {share:.0%}" if self.busy else self._failed
+
+    def at(self, t: float) -> Tick:
+        """Return the tick at a time [s], the last where it has not come so far."""
+        self._wanted = self._wanted or t > 0
+        return self._ticks[min(round(t * self._rate), len(self._ticks) - 1)]
 
     def work(self, seconds: float) -> None:
-        """Go on with the run for about that time; one page does it for all."""
+        """Go on for about that time."""
         if not self._working.acquire(blocking=False):
             time.sleep(seconds)
             return
@@ -110,26 +231,88 @@ class TrialSubject:
                     self._loop.step()
                     self._ticks.append(self._loop.tick)
                     if self._loop.ended:
-                        self.failed = f"at {self._loop.tick.t:.2f} s {self._loop.ended}"
+                        self._failed = f"at {self._loop.tick.t:.2f} s {self._loop.ended}"
         finally:
             self._working.release()
 
-    def live(self) -> Loop:
-        """Return the scene from its beginning, to play with."""
-        with silenced_warnings():
-            return Loop(self.trial)
 
-    def live_moment(self, loop: Loop) -> Moment:
-        """Return where a live loop stands."""
-        return self._drawn_at(loop.tick, loop.tick.problem, loop.ended)
+class _Replay:
+    """The ticks of a log.
 
-    def _drawn_at(self, tick: Tick, problem: Any, note: str) -> Moment:
-        with self._lock:  # several pages draw from the same data
-            self._data.qpos[:] = tick.qpos
-            mj.mj_kinematics(self.trial.model, self._data)
-            poses = mujoco_bodies.poses(self._data, self._drawn)
-            joints = mujoco_bodies.joint_points(self.trial.model, self._data, self._joints)
-        return Moment(
-            poses, tick.contacts, tick.origin, problem, self.fingers, self._joints, joints, note,
-            tick.force,
-        )  # fmt: skip
+    A log has the joints' positions and the wrench that was asked for; grasp and hand are read from
+    the model there, as of joints at rest. A contact's engagement and the force that the physics
+    gave it are those of the log's contact at its place.
+    """
+
+    def __init__(self, trial: Trial, loop: Loop, log: Log) -> None:
+        first = loop.tick
+        shape = (len(first.qpos), len(first.points))
+        if (log.qpos.shape[1], log.point.shape[1]) != shape or not np.allclose(
+            log.qpos[0], first.qpos, atol=_START
+        ):
+            raise InvalidInputError(
+                f"log: got one that begins at other joint positions than {trial.name}, expected "
+                "one of that scene"
+            )
+        self.times: Array = log.t
+        self._trial, self._log, self._fingers = trial, log, first.fingers
+        self._alpha = loop.alpha
+        problem = first.problem
+        assert problem is not None  # as of a loop
+        self._c_max = float(problem.c_max.max()) if problem.layout.ceilings else None
+        self._data, self._reading = mj.MjData(trial.model), threading.Lock()
+        self._at = lru_cache(len(self.times))(self._read)
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is something to compute: never."""
+        return False
+
+    @property
+    def note(self) -> str:
+        """How the run ended, where it did before its time."""
+        return self._log.message
+
+    def work(self, seconds: float) -> None:
+        """There is nothing to compute beforehand."""
+
+    def at(self, t: float) -> Tick:
+        """Return the tick at a time [s]."""
+        return self._at(min(round(t * self._trial.rate), len(self.times) - 1))
+
+    def _read(self, k: int) -> Tick:
+        log, trial = self._log, self._trial
+        t, qpos, origin, f = float(log.t[k]), log.qpos[k], log.position[k], log.f[k]
+        with self._reading, silenced_warnings(), warnings.catch_warnings():
+            warnings.simplefilter("ignore", GraspForceWarning)
+            self._data.qpos[:] = qpos
+            mj.mj_forward(trial.model, self._data)
+            try:
+                grasp = Grasp.from_mujoco(trial.model, self._data, trial.body)
+            except GraspForceError:  # nothing that a motor moves touches any more
+                nothing = np.zeros((0, 3))
+                return Tick(t, qpos, nothing, nothing[:, None], (), (), origin, f, None, nothing)
+            links = grasp.links
+        points = np.array([each.point for each in grasp.contacts])
+        frames = np.array([each.frame for each in grasp.contacts])
+        apart = np.linalg.norm(points[:, None] - log.point[k], axis=2)
+        nearest = apart.argmin(axis=1)
+        known = apart.min(axis=1) < _SAME
+        force = np.zeros((len(points), 3))
+        for slot in np.flatnonzero(np.any(log.force[k], axis=1)).tolist():
+            force[apart[:, slot].argmin()] += log.force[k, slot]
+        options: dict[str, Any] = {"alpha": self._alpha}
+        if self._c_max is not None:
+            engagement = np.where(known, log.engagement[k][nearest], 1.0)
+            options |= {"c_max": self._c_max, "engagement": engagement}
+        problem = grasp.problem(f, **options)
+        mu = trial.assumed_mu if trial.fingers else trial.mu
+        if mu is not None:
+            models = [model_of(m.dim, mu, getattr(m, "gamma", 1.0)) for m in problem.models]
+            problem = problem.replace(models=models)
+        slots: list[int] = np.where(known, nearest, -1).tolist()
+        fingers = tuple(
+            link if slot < 0 else self._fingers[slot]
+            for slot, link in zip(slots, links, strict=True)
+        )
+        return Tick(t, qpos, points, frames, fingers, grasp.joint_names, origin, f, problem, force)
