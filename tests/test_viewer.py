@@ -1,6 +1,7 @@
 """The live page without a browser: knobs, problems, remedies, picking, files, the server's ways."""
 
 import json
+import re
 import socket
 import threading
 import time
@@ -391,7 +392,13 @@ def test_whatever_hand_holds_something_runs_live_and_is_told_by_its_links():
     assert "lift" not in subject.controls
     _, found = solved(subject)
     loop = subject.live(subject.knobs)
-    assert np.allclose(found.solution.c, gf.solve(loop.tick.problem).c, rtol=1e-6, atol=1e-9)
+    # The loop may miss a hundredth of the weight.
+    assert np.allclose(found.solution.c, gf.solve(loop.tick.problem).c, atol=2e-3)
+    moment, heavy = solved(subject, load=30.0)
+    assert heavy.solution.status is gf.Status.INFEASIBLE
+    soft = loop.tick.problem.replace(f=moment.problem.f)
+    said = words.verdict(moment, answer(soft, subject.knobs), None)
+    assert re.search("Not held: .*N of 294.3.*N are missing", said)
     loop.set(subject.knobs.alpha, 1.0, np.array([0, 0, 1.0, 0, 0, 0]))
     loop.advance(0.02, 100)
     assert loop.tick.f[2] < 9.81 * loop.mass  # it is lifted, and the law holds against that

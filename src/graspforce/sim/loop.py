@@ -91,6 +91,8 @@ def closed(trial: Trial) -> NamedFingers | AnyHand:
 class NamedFingers:
     """A trial whose fingers are named and make a contact each."""
 
+    free = True  # the wrench's six rows are those of the force problem
+
     def __init__(self, trial: Trial) -> None:
         self._trial = trial
         self.world = World(trial)
@@ -211,6 +213,11 @@ class AnyHand:
         """The joints and tendons of the force problem, those that move what touches."""
         loop = self.loop
         return tuple(n for n, acts in zip(loop.joint_names, loop.holding, strict=True) if acts)
+
+    @property
+    def free(self) -> bool:
+        """Whether the object moves freely, and not on joints of its own."""
+        return self.loop.reader.motions is None
 
     @property
     def tau_max(self) -> Array:

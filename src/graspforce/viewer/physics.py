@@ -91,9 +91,8 @@ class Loop:
             self._pose = self._side.world.pose()
             self._ticks, self.ended = 0, ""
             self.mass = self._side.world.mass
+            self.free = self._side.free
             self.step()
-        assert self.tick.problem is not None
-        self.free = len(self.tick.problem.W) >= len(self.tick.f)
 
     @property
     def alpha(self) -> float:

@@ -78,6 +78,14 @@ class Answer:
         return self.solution.status is Status.SOLVED
 
     @property
+    def missed(self) -> tuple[float, float]:
+        """How large the force is that the forces miss, and the one that is wanted [N]."""
+        rows = slice(2 if len(self.problem.f) == 3 else 3)
+        wanted = self.problem.f[rows]
+        missed = self.problem.W[rows] @ self.solution.c - wanted
+        return float(np.linalg.norm(missed)), float(np.linalg.norm(wanted))
+
+    @property
     def cone_use(self) -> Array:
         """How much of its friction each contact uses, shape (n,); NaN without friction."""
         left = slip_reserves(self.problem, self.solution.c)

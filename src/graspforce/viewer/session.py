@@ -36,9 +36,9 @@ from graspforce.viewer.timeline import Forces
 
 # Redraws a second: at most, and while something moves by itself.
 _MOST_RATE, _RATE = 60.0, 30.0
-# Of the physics in a redraw, of forces over time while nothing else is to do, of a subject's own
-# work between redraws [s].
-_BUDGET, _SLICE, _WORK = 0.025, 0.015, 0.05
+# Of the physics in a redraw, of forces over time while nothing else is to do and between two such
+# slices, of a subject's own work between redraws [s].
+_BUDGET, _SLICE, _PAUSE, _WORK = 0.025, 0.015, 0.005, 0.05
 # Forces over time: points that are solved first, and ticks at most.
 _TIMELINE, _TICKS = 100, 1000
 # Grasps of a file: those that are solved for the list, and those that it shows.
@@ -230,8 +230,9 @@ class Session:
 
     def _patience(self) -> float | None:
         """Return how long to wait for something to do [s]; None for ever."""
-        idle = self._loop is None and self._job is None and not self._subject.busy
-        return None if idle and not self._playing else 0.0
+        if self._loop is not None or self._subject.busy or self._playing:
+            return 0.0
+        return None if self._job is None else _PAUSE
 
     def _advance(self, seconds: float) -> None:
         """Move the time on, that of the physics, or round and round that of the scenario."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ JUMP = 0.05
 _POINTS = 120  # that are drawn at least; both ends of a jump besides
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Forces:
     """Normal forces of one method, tick after tick.
 
@@ -31,18 +32,19 @@ class Forces:
     times: Array
     normals: Array
 
-    @property
+    @cached_property
     def largest(self) -> float:
         """The largest normal force [N]; 0 where there is none."""
         return float(np.nanmax(self.normals, initial=0.0))
 
+    @cached_property
     def changes(self) -> Array:
         """Return how far each force moves from a tick to the next, shape (T − 1, n) [N]."""
         return np.nan_to_num(np.abs(np.diff(self.normals, axis=0)))
 
     def jumps(self, largest: float) -> NDArray[np.intp]:
         """Return the ticks after which a force jumps, where forces are as large as that [N]."""
-        return np.flatnonzero(self.changes().max(axis=1, initial=0.0) > JUMP * largest)
+        return np.flatnonzero(self.changes.max(axis=1, initial=0.0) > JUMP * largest)
 
 
 class Timeline:
@@ -88,7 +90,7 @@ class Timeline:
                 label = f"{name}, {each.method}" if k else name
                 series.append(uplot.Series(label=label, stroke=stroke, **look))
         for k, each in enumerate(found):
-            jumps, changes = each.jumps(largest), each.changes()
+            jumps, changes = each.jumps(largest), each.changes
             if not len(jumps):
                 continue
             marks = np.full(len(times), np.nan)

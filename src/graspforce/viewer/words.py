@@ -22,6 +22,7 @@ _TABLE = (
     'style="border-collapse:collapse;width:calc(100% - 1.2em);margin:0 .6em;font-size:0.8em;'
     'line-height:1.5"'
 )
+_MISSED = 0.05  # share of the wanted force
 _MANY = 8  # of more contacts those that do not touch are not listed
 _CELL = 'style="text-align:right;padding:0 .3em;white-space:nowrap"'
 
@@ -66,8 +67,13 @@ def verdict(moment: Moment, answer: Answer | None, found: Diagnosis | None) -> s
         f"{_named('microseconds', f'{answer.microseconds:.0f}')} µs{solves}"
     )
     notes = [escape(each) for each in (answer.message, moment.note) if each]
+    missed, wanted = answer.missed
+    colour, title = colours.GREEN, "Held"
+    if missed > _MISSED * wanted:  # by a loop that lets a load be missed
+        colour = colours.RED
+        title = f"Not held: {number(missed, 'N')} of {number(wanted, 'N')} are missing"
     return _framed(
-        colours.GREEN, "Held", "<br>".join([" · ".join(parts), f"<small>{small}</small>", *notes])
+        colour, title, "<br>".join([" · ".join(parts), f"<small>{small}</small>", *notes])
     )
 
 
@@ -147,7 +153,7 @@ def jumps(found: Sequence[Forces], fingers: Sequence[str]) -> str:
     said: list[str] = []
     most = max(each.largest for each in found)
     for each in found:
-        ticks, changes = each.jumps(most), each.changes()
+        ticks, changes = each.jumps(most), each.changes
         if not len(ticks):
             said.append(f"{escape(each.method)}: none")
             continue

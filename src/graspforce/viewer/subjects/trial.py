@@ -131,8 +131,12 @@ class TrialSubject:
             f[:3] += weight - turned_down(knobs.tilt, knobs.heading) @ weight
             f[:6] -= knobs.applied
         ceilings = given.layout.ceilings
-        # Another load or grip than the loop's is no change from its last forces.
-        given = given.replace(f=f, c_last=None, dc_max=None)
+        # Another load or grip than the loop's is no change from its last forces, and a load that
+        # may be missed would always be held; what no motor controls still gives way.
+        exact: dict[str, Any] = {"f": f, "c_last": None, "dc_max": None}
+        if self._free and len(given.f_soft):
+            exact["f_soft"] = np.append(np.zeros(6), given.f_soft[6:])
+        given = given.replace(**exact)
         problem = turn_knobs(
             given, knobs, given.engagement if ceilings else np.ones(given.n),
             given.c_max if ceilings else None, _CEILING,
