@@ -8,8 +8,8 @@ next larger one; `jvp` and `vjp`, of random changes of all fields, by their inne
 
 ``make derivatives`` compares 200 problems of each kind, some minutes, and fails where more than one
 in a hundred entries of a field is off by more than 1e-6. What the table has above that are changes
-so small that the differences are mostly rounding, of internal forces above all. With a looser tolerance it is
-the differences that become rough: what their forces are off by they divide by the step.
+so small that the differences are mostly rounding, of internal forces above all. With a looser
+tolerance the differences become rough: what their forces are off by they divide by the step.
 """
 
 from __future__ import annotations
