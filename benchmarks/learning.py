@@ -17,20 +17,16 @@ import os
 import sys
 import time
 from importlib.util import find_spec
+from typing import Any
 
-import jax
 import numpy as np
-import torch
 from batch import Task, rows
 from rich.table import Table
 from saving import show, writable
 
 import graspforce as gf
-import graspforce.jax as gj
-import graspforce.torch as gt
 from graspforce.cli.process import as_command
 
-_jax, _torch = jax, torch
 BATCHES = (1, 64, 4096)
 FACETS, LIMIT = 8, 0.5
 MODEL = gf.PCWF(0.5)
@@ -51,9 +47,13 @@ def with_numpy(fields: dict[str, np.ndarray]) -> dict[str, Task]:
 
 
 def with_torch(fields: dict[str, np.ndarray]) -> dict[str, Task]:
-    given = {name: _torch.tensor(value) for name, value in fields.items()}
+    import torch
 
-    def solve() -> torch.Tensor:
+    import graspforce.torch as gt
+
+    given = {name: torch.tensor(value) for name, value in fields.items()}
+
+    def solve() -> Any:
         return gt.solve(**given, **LIMITS, models=MODEL).c
 
     def learn() -> None:
@@ -68,41 +68,46 @@ def with_torch(fields: dict[str, np.ndarray]) -> dict[str, Task]:
 
 
 def with_jax(fields: dict[str, np.ndarray]) -> dict[str, Task]:
-    given = {name: _jax.numpy.asarray(value) for name, value in fields.items()}
+    import jax
 
-    def total(by: dict[str, jax.Array], rest: dict[str, jax.Array]) -> jax.Array:
+    import graspforce.jax as gj
+
+    given = {name: jax.numpy.asarray(value) for name, value in fields.items()}
+
+    def total(by: dict[str, Any], rest: dict[str, Any]) -> Any:
         return gj.solve(**by, **rest, **LIMITS, models=MODEL).c.sum()
 
     by = {name: given.pop(name) for name in BY}
-    value, learn = _jax.jit(total), _jax.jit(_jax.value_and_grad(total))
+    value, learn = jax.jit(total), jax.jit(jax.value_and_grad(total))
     return {
-        "JAX: forward": lambda: _jax.block_until_ready(value(by, given)),
-        "forward and backward ": lambda: _jax.block_until_ready(learn(by, given)),
+        "JAX: forward": lambda: jax.block_until_ready(value(by, given)),
+        "forward and backward ": lambda: jax.block_until_ready(learn(by, given)),
     }
 
 
 def with_qpth(fields: dict[str, np.ndarray]) -> dict[str, Task]:
     """The quadratic programs of the least norm, from the same tensors; tested against DAQP."""
+    import torch
     from qpth.qp import QPFunction
 
     from graspforce.baselines import qp
 
-    tensors = {name: _torch.tensor(fields[name], requires_grad=True) for name in BY}
+    tensors = {name: torch.tensor(fields[name], requires_grad=True) for name in BY}
     W, f, J, mu = tensors.values()
-    around = _torch.arange(FACETS, dtype=_torch.float64) * (2 * np.pi / FACETS)
-    sides = _torch.stack((-_torch.ones(FACETS), around.cos(), around.sin()), dim=1).double()
+    around = torch.arange(FACETS, dtype=torch.float64) * (2 * np.pi / FACETS)
+    sides = torch.stack((-torch.ones(FACETS), around.cos(), around.sin()), dim=1).double()
     inward = np.cos(np.pi / FACETS)  # so that the pyramid's edges are on the cone
 
-    def solve() -> torch.Tensor:
-        scale = _torch.stack((mu * inward, _torch.ones_like(mu), _torch.ones_like(mu)), dim=-1)
+    def solve() -> Any:
+        scale = torch.stack((mu * inward, torch.ones_like(mu), torch.ones_like(mu)), dim=-1)
         by_contact = sides * scale[:, :, None]  # (B, 4, facets, 3)
-        cones = _torch.zeros(len(f), 4, FACETS, 12, dtype=_torch.float64)
+        cones = torch.zeros(len(f), 4, FACETS, 12, dtype=torch.float64)
         for i in range(4):
             cones[:, i, :, 3 * i : 3 * i + 3] = by_contact[:, i]
         arms = J.transpose(1, 2)
-        G = _torch.cat((cones.flatten(1, 2), arms, -arms), dim=1)
-        h = _torch.cat((_torch.zeros(4 * FACETS), LIMIT * _torch.ones(2 * J.shape[2]))).double()
-        Q, p = _torch.eye(12, dtype=_torch.float64), _torch.zeros(12, dtype=_torch.float64)
+        G = torch.cat((cones.flatten(1, 2), arms, -arms), dim=1)
+        h = torch.cat((torch.zeros(4 * FACETS), LIMIT * torch.ones(2 * J.shape[2]))).double()
+        Q, p = torch.eye(12, dtype=torch.float64), torch.zeros(12, dtype=torch.float64)
         return QPFunction(verbose=-1, check_Q_spd=False)(Q, p, G, h, W, f)
 
     def learn() -> None:
@@ -164,9 +169,12 @@ def main() -> int:
     parser.add_argument("--save", type=writable, help="write the table to this file")
     options = parser.parse_args()
     load = os.getloadavg()[0]
+    import jax
+    import torch
+
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    _torch.set_num_threads(1)
-    _jax.config.update("jax_enable_x64", True)
+    torch.set_num_threads(1)
+    jax.config.update("jax_enable_x64", True)
     table, words = measure(options.patience)
     load_told = f"load of the machine by others while this ran, about {load:.0f} processes"
     show(table, *words, load_told, save=options.save, width=100)

@@ -255,16 +255,16 @@ static void the_optimum_moves_as_the_system_says() {
     const Layout layout = random_layout(random, 5);
     RandomGrasp grasp(random, layout);
     grasp.data.alpha = 5;
-    const int m = layout.components(), k = layout.wrench_rows;
+    const int m = force_count(layout), k = layout.wrench_rows;
     const Settings exact{1e-20, 200};
     Engine engine(layout);
     if (engine.solve(grasp.data.packed(), exact).status != Status::Solved) continue;
     Factor factor(layout);
-    const std::vector<double> c(engine.forces(), engine.forces() + force_count(layout));
+    const std::vector<double> c(engine.forces(), engine.forces() + m);
     const std::vector<double> nu(engine.multipliers(), engine.multipliers() + k);
     EXPECT(factor.at(grasp.data.packed(), c.data()));
     std::vector<double> x(m + k), change(m + k), f(grasp.data.f.begin(), grasp.data.f.end());
-    for (int a = 0; a < m; ++a) {
+    for (int a = 0; a < layout.components(); ++a) {
       const double push = random.normal();
       for (int r = 0; r < k; ++r) x[m + r] += grasp.data.W(r, a) * push;
     }

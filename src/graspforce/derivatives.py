@@ -47,9 +47,9 @@ class Sensitivity:
     """Derivatives of one answer, or of every row of a batch; made by :func:`sensitivity`.
 
     Quantities that are differentiated: ``c``, ``internal_forces``, ``tau``, ``phi``,
-    ``friction_margins``, ``torque_margins``. Parameters: the fields of a :class:`graspforce.ForceProblem`, and ``mu`` and
-    ``gamma``, of which frictionless contacts have none. Where a row is not SOLVED its derivatives
-    are zero.
+    ``friction_margins``, ``torque_margins``. Parameters: the fields of a
+    :class:`graspforce.ForceProblem`, and ``mu`` and ``gamma``, of which frictionless contacts have
+    none. Where a row is not SOLVED its derivatives are zero.
 
     Where W has dependent rows, the derivatives by f and W are those for changes that leave f in the
     range of W.

@@ -183,8 +183,8 @@ def _solve_shapes(
     W = by_name["W"]
     joints = by_name["J"].shape[-1] if "J" in by_name else 0
     return (
-        W.new_empty((B, W.shape[-1] + internals(by_name))), W.new_empty((B, joints)), W.new_empty((B, W.shape[-2])),
-        W.new_empty((B,), dtype=_torch.int32),
+        W.new_empty((B, W.shape[-1] + internals(by_name))), W.new_empty((B, joints)),
+        W.new_empty((B, W.shape[-2])), W.new_empty((B,), dtype=_torch.int32),
     )  # fmt: skip
 
 
