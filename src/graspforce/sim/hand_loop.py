@@ -364,9 +364,8 @@ class HandLoop:
         """Return the torques that move the joints' own inertia, shape (n_joints,)."""
         gains, data = self._gains, self._data
         dofs, driven = self.reader.motion
-        carrying: NDArray[np.bool_] = np.any(
-            driven, axis=0
-        )  # of motors that share a motion, those that count for it
+        # Of motors that share a motion, those that count for it.
+        carrying: NDArray[np.bool_] = np.any(driven, axis=0)
         moved = carrying.nonzero()[0]
         among = moved[:, None], moved
         M, metric = (each[among] for each in self._inertia_of_motors(dofs, driven))
