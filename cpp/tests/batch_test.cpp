@@ -222,11 +222,10 @@ void kkt_systems_are_solved_as_by_the_factor() {
   for (int trial = 0; trial < 20; ++trial) {
     Rows rows = random_rows(random, random_layout(random, 9), 100);
     rows.solve(1);
-    const std::size_t forces = rows.forces(), m = rows.layout.components();
-    const std::size_t line = m + rows.layout.wrench_rows;
+    const std::size_t forces = rows.forces(), line = forces + rows.layout.wrench_rows;
     std::vector<double> sides(rows.count() * line);
     for (std::size_t i = 0; i < sides.size(); ++i)
-      sides[i] = i % line < m ? random.normal() : 0;  // in the range of any W
+      sides[i] = i % line < forces ? random.normal() : 0;  // in the range of any W
     std::vector<double> x = sides;
     const std::unique_ptr<bool[]> wanted(new bool[rows.count()]);
     for (std::size_t i = 0; i < rows.count(); ++i)
@@ -245,7 +244,7 @@ void kkt_systems_are_solved_as_by_the_factor() {
       factor.forget();
       EXPECT(factor.at(rows.packed.data() + i * rows.line(), rows.c.data() + i * forces));
       factor.solve(own, 1);
-      for (auto [first, last] : {std::pair(std::size_t(0), m), std::pair(m, line)}) {
+      for (auto [first, last] : {std::pair(std::size_t(0), forces), std::pair(forces, line)}) {
         double largest = 0, off = 0;
         for (std::size_t j = first; j < last; ++j) {
           largest = std::max(largest, std::abs(own[j]));
