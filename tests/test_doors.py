@@ -8,7 +8,7 @@ posture is a grasp, in the simulator, too.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -375,6 +375,23 @@ def test_j_is_how_the_fingertips_move(name):
         for i, (contact, speed) in enumerate(zip(grasp.contacts, speeds, strict=True)):
             expected = contact.frame.T @ speed
             np.testing.assert_allclose(grasp.J[starts[i] : starts[i] + 3, j], expected, atol=1e-6)
+
+
+def test_a_tendon_of_the_name_of_a_joint_is_not_that_joints_motor():
+    """MuJoCo keeps names by kind: the only tendon at joint f1 may be called f1, too."""
+    robot = ROBOTS["tendons"]
+    joints = tuple(j._replace(spring='actuatorfrcrange="-.09 .25"') for j in robot.joints)
+    plain = replace(robot, joints=joints)
+    named = replace(
+        plain,
+        motors=plain.motors.replace('tendon="f"', 'tendon="f1"'),
+        extra=plain.extra.replace('name="f"', 'name="f1"'),
+    )
+    with pytest.warns(gf.GraspForceWarning, match="no motor controls"):
+        first, other = (gf.Grasp.from_mujoco(*grasped(each), "object") for each in (plain, named))
+    assert "f1" in other.joint_names
+    assert len(first.A) == 12  # both ends at six joints
+    np.testing.assert_array_equal(other.A, first.A)
 
 
 @pytest.mark.parametrize("limited", [True, False])

@@ -55,6 +55,8 @@ class Drive(NamedTuple):
     without a motor in the file, nout and its degree of freedom.
     """
     gear: float
+    joint: int
+    """Its number; −1 for a tendon, which may have a joint's name."""
 
 
 def drives(model: Any) -> tuple[list[Drive], list[str]]:
@@ -96,7 +98,7 @@ def drives(model: Any) -> tuple[list[Drive], list[str]]:
             name_of(model, kind_of_object, target), "N·m" if at_hinge else "N", low, high,
             _moment_arm(mj, model, target) if at_tendon else float(at_hinge),
         )  # fmt: skip
-        found[at_tendon, target] = Drive(limit, output, gear)
+        found[at_tendon, target] = Drive(limit, output, gear, -1 if at_tendon else target)
     for (at_tendon, target), drive in found.items():
         which = "tendon" if at_tendon else "jnt"
         if getattr(model, f"{which}_actfrclimited")[target]:
@@ -188,7 +190,7 @@ def joints_as_drives(
         if name in wanted and name not in driven:
             turns = int(model.jnt_type[joint]) == hinge
             limit = DriveLimit(name, "N·m" if turns else "N", 0.0, 0.0, float(turns))
-            added.append(Drive(limit, model.nout + int(model.jnt_dofadr[joint]), 1.0))
+            added.append(Drive(limit, model.nout + int(model.jnt_dofadr[joint]), 1.0, joint))
     return added
 
 
@@ -285,10 +287,9 @@ def joint_ranges(
     limited = dofs[model.jnt_actfrclimited[model.dof_jntid[dofs]] != 0]
     if not len(limited):
         return no_ranges(len(each))
-    names = dof_names(model, limited)
-    own = np.array([[drive.limit.name == name for drive in each] for name in names], dtype=bool)
     arms = rows[:, limited].T
-    pulled = ((arms != 0) & ~own.reshape(arms.shape)).any(axis=1)
+    own = model.dof_jntid[limited, None] == np.array([drive.joint for drive in each], dtype=int)
+    pulled = np.any((arms != 0) & ~own, axis=1)
     joints = model.dof_jntid[limited[pulled]]
     lo, hi = model.jnt_actfrcrange[joints].T
     return JointRanges(dof_names(model, limited[pulled]), arms[pulled], lo, hi)
