@@ -143,8 +143,7 @@ inline nb::object solve_batch_of(nb::handle tuple, std::ptrdiff_t count, nb::seq
 }
 
 // Solves the KKT systems of a batch at forces c for a right-hand side a row, (B, m + r + k), in
-// place;
-// `wanted` tells of which rows, and afterwards which had forces strictly inside every limit.
+// place; `wanted` tells of which rows, and afterwards which had forces strictly inside every limit.
 inline void kkt_solve_batch(nb::handle tuple, std::ptrdiff_t count, nb::sequence fields,
                             nb::handle c, Truths wanted,
                             nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu> x,

@@ -40,8 +40,7 @@ class Adjoint {
   // the gradients by its answer, `out` its fields' gradients, null where nobody wants them.
   void begin(const Problem& p, const double* c, const AnswerGradients& to,
              const Fields<double*>& out, double* rhs) {
-    Fields<double*> sums =
-        out;  // matrices of equations and torques are written at once, at the end
+    Fields<double*> sums = out;  // W and the arms of the torques are written at once, at the end
     sums.W = sums.J = sums.internal = nullptr;
     clear(sums);
     const int m = layout_.components();

@@ -25,13 +25,14 @@ from graspforce.hands.imported import (
     fingers_of,
 )
 from graspforce.hands.limits import DriveLimit
-from graspforce.hands.loops import Coupling, closed, linkages, rows_of
+from graspforce.hands.loops import Coupling, closed
 from graspforce.hands.mujoco.model import (
     CouplingReader,
     Drive,
     MujocoConfiguration,
     StopReader,
     body_of,
+    coupling_rows,
     dof_names,
     dofs_above,
     drive_rows,
@@ -93,8 +94,7 @@ def from_mjcf(
     held = locking_rows(locked, dof_names(model, every_dof(model)))
     data = _evaluated(model, model.qpos0)
     above, moments = dofs_above(model), drive_rows(model, data, candidates)
-    turns = turning(model)
-    tied = rows_of(linkages(CouplingReader(model).read(data), turns), turns)
+    tied = coupling_rows(model, data)
     dofs = connected_dofs(np.any(above[list(bodies)], axis=0), np.vstack((moments, tied)))
     acting = taking_part(moments * ~held.any(axis=0), dofs)
     chosen = choose_motors([candidates[i] for i in acting], tau_max, motors)
@@ -134,9 +134,7 @@ def default_fingertips(source: str | Path | Any, tau_max: Any = None) -> tuple[s
     candidates += joints_as_drives(model, candidates, tau_max)
     data = _evaluated(model, model.qpos0)
     moments = drive_rows(model, data, candidates)
-    turns = turning(model)
-    tied = rows_of(linkages(CouplingReader(model).read(data), turns), turns)
-    rows = np.vstack((moments, tied))
+    rows = np.vstack((moments, coupling_rows(model, data)))
     driven = np.zeros(model.nv, dtype=bool)
     driven[connected_dofs(np.any(moments != 0, axis=0), rows)] = True
     moved: NDArray[np.bool_] = np.any(dofs_above(model) & driven, axis=1)

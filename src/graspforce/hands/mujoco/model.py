@@ -350,6 +350,12 @@ class CouplingReader:
         return found
 
 
+def coupling_rows(model: Any, data: Any) -> Array:
+    """Return the gradients of a model's couplings at data's configuration, shape (p, nv)."""
+    turns = turning(model)
+    return rows_of(linkages(CouplingReader(model).read(data), turns), turns)
+
+
 def _tied_bodies(model: Any, equality: int) -> tuple[int, int]:
     """Return the two bodies that a connect or weld ties together."""
     pair = int(model.eq_obj1id[equality]), int(model.eq_obj2id[equality])
@@ -506,9 +512,7 @@ class MujocoConfiguration:
             notes: what a user should know of the posture.
         """
         self._model, self._data, self._dofs = model, data, dofs
-        turns = turning(model)
-        tied = linkages(CouplingReader(model).read(data), turns)
-        coupled = np.vstack((rows_of(tied, turns), held))
+        coupled = np.vstack((coupling_rows(model, data), held))
         leaned = stops.on(dofs, held)
         rows = drive_rows(model, data, drives)
         self.transmission: Transmission = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
