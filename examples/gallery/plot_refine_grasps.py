@@ -245,5 +245,6 @@ for axes, (at, angles, forces, least), name in zip(
         axes.plot(*np.transpose([start - 0.004 * world[i, :, 0], start]), color="#b3261e")
     axes.set(title=f"{name}: smallest slip margin {least[most]:.2f} N", xlabel="x [m]")
     axes.set_box_aspect((1, 1, 1))
+    axes.locator_params(nbins=4)
     axes.set(xlim=(-0.02, 0.14), ylim=(-0.08, 0.08), zlim=(-0.07, 0.09))
     axes.view_init(elev=15, azim=-65)
