@@ -29,6 +29,21 @@ def test_vjp_is_the_adjoint_of_jvp(seed, kind):
     assert sweep.adjoint_error(problem, np.random.default_rng(seed)) <= 1e-10
 
 
+@pytest.mark.parametrize("kind", sweep.KINDS)
+def test_a_field_alone_gets_what_it_gets_among_all(kind):
+    """Parts of the problem that are not asked for are left out of the work, not of the answer."""
+    for seed in range(5):
+        solution = gf.solve(sweep.KINDS[kind](seed))
+        derivatives, rng = gf.sensitivity(solution), np.random.default_rng(seed)
+        weights = {
+            name: rng.normal(size=np.shape(getattr(solution, name)))
+            for name in ("c", "tau", "phi", "friction_margins", "torque_margins")
+        }
+        for name, expected in derivatives.vjp(**weights).items():
+            found = derivatives.vjp(**weights, wrt=(name,))
+            np.testing.assert_array_equal(found[name], expected, err_msg=name)
+
+
 def test_rows_of_limits_that_touch_nothing_count():
     problem = grasps(1, seed=4)[0]
     with_three = problem.W @ (gf.solve(problem).c * np.repeat([1, 1, 0, 1], 3))

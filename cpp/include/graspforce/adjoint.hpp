@@ -12,9 +12,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <utility>
 #include <vector>
 
+#include "graspforce/lanes.hpp"
 #include "graspforce/layout.hpp"
 
 namespace graspforce {
@@ -55,15 +57,22 @@ class Adjoint {
   void end(const Problem& p, const double* c, const double* nu, const AnswerGradients& to,
            const double* x, const double* y, const Fields<double*>& out) {
     const double phi = to.phi != nullptr ? *to.phi : 0;
-    find_counted(p);
+    // What nobody wants is not looked at. By alpha every limit counts.
+    const auto wanted = [&out](auto*... fields) {
+      return out.alpha != nullptr || (... || (fields != nullptr));
+    };
     add_wrench(p, c, nu, phi, x, y, out);
     double alpha = 0;
-    add_torque_limits(p, c, phi, x, alpha, to, out);
-    add_normal_limits(p, c, phi, x, alpha, out);
-    if (layout_.rate_limits) add_rate_limits(p, c, phi, x, alpha, out);
-    add_inequalities(p, c, phi, x, alpha, out);
+    if (wanted(out.tau_lo, out.tau_hi, out.tau_bias, out.J, out.internal))
+      add_torque_limits(p, c, phi, x, alpha, to, out);
+    if (wanted(out.c_max, out.c_min, out.engagement))
+      add_normal_limits(p, c, phi, x, alpha, out);
+    if (layout_.rate_limits && wanted(out.c_last, out.dc_max))
+      add_rate_limits(p, c, phi, x, alpha, out);
+    if (wanted(out.A, out.b)) add_inequalities(p, c, phi, x, alpha, out);
     add(out.alpha, 0, alpha);
-    add_cones(p, c, phi, x, out);
+    if (out.mu != nullptr || out.gamma != nullptr || out.cone_weight != nullptr)
+      add_cones(p, c, phi, x, out);
   }
 
   // Zeros, for a row without an answer.
@@ -114,18 +123,28 @@ class Adjoint {
     for (int i = 0; i < layout_.internals; ++i) mark(p.internal + i * layout_.joints, true);
   }
 
-  // The joints' torques of the forces c, and of x alone.
+  // The joints' torques of the forces c, and of x alone; four joints at a time, whose sums stay in
+  // registers.
   void find_torques(const Problem& p, const double* c, const double* x) {
-    const int joints = layout_.joints;
-    double* const __restrict tau = tau_.data(), * const __restrict x_tau = x_tau_.data();
-    std::copy_n(p.tau_bias, joints, tau);
-    std::fill_n(x_tau, joints, 0.0);
-    each_force(p, [&](int i, const double* arms) {
-      for (int j = 0; j < joints; ++j) {
-        tau[j] += arms[j] * c[i];
-        x_tau[j] += arms[j] * x[i];
-      }
-    });
+    int j = 0;
+    for (; j + kLanes <= layout_.joints; j += kLanes) {
+      Lanes tau = four_at(p.tau_bias + j), x_tau = {};
+      each_force(p, [&](int i, const double* arms) {
+        const Lanes four = four_at(arms + j);
+        tau += four * c[i];
+        x_tau += four * x[i];
+      });
+      std::memcpy(&tau_[j], &tau, sizeof tau);
+      std::memcpy(&x_tau_[j], &x_tau, sizeof x_tau);
+    }
+    for (; j < layout_.joints; ++j) {
+      tau_[j] = p.tau_bias[j];
+      x_tau_[j] = 0;
+      each_force(p, [&](int i, const double* arms) {
+        tau_[j] += arms[j] * c[i];
+        x_tau_[j] += arms[j] * x[i];
+      });
+    }
   }
 
   // The gradient of L by a torque itself, and whether the upper limit is the nearer one.
@@ -181,10 +200,11 @@ class Adjoint {
   void add_wrench(const Problem& p, const double* c, const double* nu, double phi, const double* x,
                   const double* y, const Fields<double*>& out) const {
     const int m = layout_.components();
+    double* __restrict W = out.W;
     for (int r = 0; r < layout_.wrench_rows; ++r) {
       const double by_f = y[r] + phi * nu[r];
       add(out.f, r, by_f);
-      for (int i = 0; i < m && out.W != nullptr; ++i) out.W[r * m + i] = nu[r] * x[i] - by_f * c[i];
+      for (int i = 0; i < m && out.W != nullptr; ++i) *W++ = nu[r] * x[i] - by_f * c[i];
       if (layout_.soft_wrench) add(out.f_soft, r, -p.f_soft[r] * nu[r] * (2 * y[r] + phi * nu[r]));
     }
   }
@@ -205,6 +225,7 @@ class Adjoint {
   void add_torque_limits(const Problem& p, const double* c, double phi, const double* x,
                          double& alpha, const AnswerGradients& to, const Fields<double*>& out) {
     const int joints = layout_.joints;
+    find_counted(p);
     find_torques(p, c, x);
     for (int j = 0; j < joints; ++j) {
       Limit hi, lo;
