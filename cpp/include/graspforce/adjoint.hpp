@@ -65,8 +65,7 @@ class Adjoint {
     double alpha = 0;
     if (wanted(out.tau_lo, out.tau_hi, out.tau_bias, out.J, out.internal))
       add_torque_limits(p, c, phi, x, alpha, to, out);
-    if (wanted(out.c_max, out.c_min, out.engagement))
-      add_normal_limits(p, c, phi, x, alpha, out);
+    if (wanted(out.c_max, out.c_min, out.engagement)) add_normal_limits(p, c, phi, x, alpha, out);
     if (layout_.rate_limits && wanted(out.c_last, out.dc_max))
       add_rate_limits(p, c, phi, x, alpha, out);
     if (wanted(out.A, out.b)) add_inequalities(p, c, phi, x, alpha, out);

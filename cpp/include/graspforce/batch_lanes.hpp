@@ -359,16 +359,16 @@ class BatchLanes {
     return worst;
   }
 
-  // Where W c = f holds to rounding; see LaneBarrier::balanced.
-  Mask find_balanced() const {
+  // In which of some lanes W c = f holds to rounding; see LaneBarrier::balanced.
+  Bits balanced(Bits asked) const {
     V missing[kWrench], worst = {};
     for (int r = 0; r < kWrench; ++r) {
       missing[r] = f_[r];
       for (const Group& group : groups_) missing[r] -= group.wrench(r, group.c);
       worst = max(worst, abs(missing[r]));
     }
-    const Mask by_f = worst < kBalanced * largest_f_;
-    if (bits_of(by_f) == kAll) return by_f;
+    const Bits by_f = bits_of(worst < kBalanced * largest_f_);
+    if ((asked & ~by_f) == 0) return asked;
     V size = {};
     for (int r = 0; r < kWrench; ++r) {
       V part = abs(f_[r]);
@@ -376,7 +376,7 @@ class BatchLanes {
         for (int i = 0; i < Q; ++i) part += abs(group.W[r][i] * group.c[i]);
       size = max(size, part);
     }
-    return by_f | ((size < kInfinity) & (worst < kBalanced * size));
+    return asked & (by_f | bits_of((size < kInfinity) & (worst < kBalanced * size)));
   }
 
   // Where the forces are out of all proportion to the limits.
@@ -400,7 +400,7 @@ class BatchLanes {
   template <class Writer, class HandBack>
   void end_whole_steps(Writer& writer, HandBack hand_back) {
     const Bits sure = stepped_ & bits_of(certified());
-    if (sure != 0) end(sure & bits_of(find_balanced()), bits_of(slack() > 0), writer, hand_back);
+    if (sure != 0) end(balanced(sure), bits_of(slack() > 0), writer, hand_back);
   }
 
   // Ends lanes at a certified point.
@@ -429,7 +429,7 @@ class BatchLanes {
       const V closer = decrement_bound(mask_of<V>(open));
       bound_ = select(mask_of<V>(open), min(bound_, closer), bound_);
       const Bits closed = open & bits_of(certified());
-      if (closed != 0) end(closed & bits_of(find_balanced()), inside_, writer, hand_back);
+      if (closed != 0) end(balanced(closed), inside_, writer, hand_back);
     }
     shorten();
     each(fresh_ & ~inside_, [&](int l) {
@@ -439,11 +439,11 @@ class BatchLanes {
       waiting_ |= 1u << l;
     });
     balanced_ |= mask_of<V>(stepped_) & (taken_ == 1);
-    const Bits balanced = bits_of(balanced_), far = bits_of(bound_ >= 1);
+    const Bits restored = bits_of(balanced_), far = bits_of(bound_ >= 1);
     each(stepped_, [&](int l) {
       const Bits own = 1u << l;
       const bool lost = !(inside_ & own) || steps_[l] >= rows_.settings.max_steps ||
-                        (!(balanced & own) && steps_[l] >= kMaxUnbalancedSteps) ||
+                        (!(restored & own) && steps_[l] >= kMaxUnbalancedSteps) ||
                         ((far & own) && steps_[l] >= kMaxSlowSteps);
       if (lost) refuse(l, hand_back);
     });

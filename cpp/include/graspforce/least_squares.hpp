@@ -26,11 +26,10 @@ class LeastSquares {
   explicit LeastSquares(const Blocks& blocks)
       : blocks_(blocks),
         arena_(most_numbers(blocks.layout())),
-        Z_(unknowns(blocks.layout()) * (blocks.layout().wrench_rows + 2)),
+        Z_(unknowns(blocks.layout()) * row_stride(blocks.layout().wrench_rows + 2)),
         p_(unknowns(blocks.layout())),
         top_(blocks.layout().wrench_rows),
-        beta_(std::max<std::size_t>(blocks.layout().wrench_rows, unknowns(blocks.layout()))),
-        row_(beta_.size() + 2) {
+        beta_(std::max<std::size_t>(blocks.layout().wrench_rows, unknowns(blocks.layout()))) {
     G_.reserve(most_blocks(blocks.layout()));
   }
 
@@ -69,15 +68,12 @@ class LeastSquares {
     int first = 0;
     for (std::size_t b = 0; b < G_.size(); ++b) {
       const BlockData& part = blocks_.parts()[b];
-      const int q = part.q, height = q + part.rows, columns = width(part);
-      reflect(G_[b], height, q, columns, beta_.data(), row_.data());
+      const int q = part.q, height = q + part.rows;
+      reflect(G_[b], height, q, width(part), beta_.data());
       for (int i = q; i < height; ++i) add_row(row(b, i)[q], row(b, i)[q + 1]);
-      for (int i = 0; i < q; ++i) {
-        std::copy_n(part.Wt + i * k(), k(), z(first + i));
-        z(first + i)[k()] = row(b, i)[q];
-        z(first + i)[k() + 1] = row(b, i)[q + 1];
-      }
-      solve_transposed(G_[b], q, columns, z(first), k(), k() + 2);
+      set_wrench(part, first);
+      solve_transposed(G_[b], q, width(part), z(first), width());
+      for (int i = 0; i < q; ++i) std::copy_n(row(b, i) + q, 2, z(first + i) + k());
       first += q;
     }
     reduce_wrench(r);
@@ -87,11 +83,10 @@ class LeastSquares {
   void set_least_norm(const double* r) {
     hh_ = gh_ = 0;
     int first = 0;
-    for (const BlockData& part : blocks_.parts())
-      for (int i = 0; i < part.q; ++i, ++first) {
-        std::copy_n(part.Wt + i * k(), k(), z(first));
-        z(first)[k()] = z(first)[k() + 1] = 0;
-      }
+    for (const BlockData& part : blocks_.parts()) {
+      set_wrench(part, first);
+      first += part.q;
+    }
     reduce_wrench(r);
   }
 
@@ -119,7 +114,7 @@ class LeastSquares {
   // The multipliers ν (k) of W d = r for this τ and δ.
   void multipliers(double tau, double delta, double* nu) const {
     for (int r = 0; r < k(); ++r) nu[r] = top_[r] + tau * z(r)[k()] + delta * z(r)[k() + 1];
-    solve_upper(Z_.data(), k(), k() + 2, nu);
+    solve_upper(Z_.data(), k(), width(), nu);
   }
 
   // The step d, block after block.
@@ -138,7 +133,7 @@ class LeastSquares {
   double project(const double* g, double* nu) {
     enter_R(g);
     std::copy_n(p_.begin(), k(), nu);
-    solve_upper(Z_.data(), k(), k() + 2, nu);
+    solve_upper(Z_.data(), k(), width(), nu);
     double squared = 0;
     for (int i = k(); i < m_; ++i) squared += p_[i] * p_[i];
     return std::sqrt(squared);
@@ -149,9 +144,9 @@ class LeastSquares {
     enter_R(g);
     // W d = r gives the first k of p, and what it leaves of g there is the multipliers'.
     std::copy_n(r, k(), top_.begin());
-    solve_transposed(Z_.data(), k(), k() + 2, top_.data());
+    solve_transposed(Z_.data(), k(), width(), top_.data());
     for (int i = 0; i < k(); ++i) nu[i] = p_[i] - top_[i];
-    solve_upper(Z_.data(), k(), k() + 2, nu);
+    solve_upper(Z_.data(), k(), width(), nu);
     std::copy_n(top_.begin(), k(), p_.begin());
     for (int j = k() - 1; j >= 0; --j) mirror(j);
     leave_R(d);
@@ -159,21 +154,30 @@ class LeastSquares {
 
  private:
   static std::size_t most_numbers(const Layout& layout) {
-    return (most_rows(layout) + unknowns(layout)) * (largest_block(layout) + 2);
+    return (most_rows(layout) + unknowns(layout)) * row_stride(largest_block(layout) + 2);
   }
-  static int width(const BlockData& part) { return part.q + 2; }
+  static int width(const BlockData& part) { return row_stride(part.q + 2); }
   static std::size_t numbers(const BlockData& part) {
     return std::size_t(part.rows + part.q) * width(part);
   }
 
   int k() const { return blocks_.k(); }
-  double* z(int i) { return Z_.data() + i * (k() + 2); }
-  const double* z(int i) const { return Z_.data() + i * (k() + 2); }
+  int width() const { return row_stride(k() + 2); }
+  double* z(int i) { return Z_.data() + i * width(); }
+  const double* z(int i) const { return Z_.data() + i * width(); }
+
+  // A block's Wᵀ into its rows of Z, from row `first` on, with zeros behind it.
+  void set_wrench(const BlockData& part, int first) {
+    for (int i = 0; i < part.q; ++i) {
+      std::copy_n(part.Wt + i * k(), k(), z(first + i));
+      std::fill_n(z(first + i) + k(), width() - k(), 0.0);
+    }
+  }
 
   void reduce_wrench(const double* r) {
-    reflect(Z_.data(), m_, k(), k() + 2, beta_.data(), row_.data());
+    reflect(Z_.data(), m_, k(), width(), beta_.data());
     std::copy_n(r, k(), top_.begin());
-    solve_transposed(Z_.data(), k(), k() + 2, top_.data());
+    solve_transposed(Z_.data(), k(), width(), top_.data());
   }
 
   // p ← R d.
@@ -215,9 +219,11 @@ class LeastSquares {
 
   const Blocks& blocks_;
   Arena arena_;
-  std::vector<double*> G_;  // (rows + q) × (q + 2) a block; once factored its upper triangle is R
-  std::vector<double> Z_;   // m × (k + 2): Wᵀ, γ, h in R's coordinates, then reduced
-  std::vector<double> p_, top_, beta_, row_;
+  // Both in rows of whole vectors: (rows + q) × (q + 2) a block, whose upper triangle is R once it
+  // is factored, and m × (k + 2), Wᵀ, γ, h in R's coordinates, then reduced.
+  std::vector<double*> G_;
+  std::vector<double> Z_;
+  std::vector<double> p_, top_, beta_;
   int m_ = 0;               // components of all blocks
   double hh_ = 0, gh_ = 0;  // h·h and γ·h in the rows that no step reaches
 };

@@ -4,6 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
+
+#include "graspforce/lanes.hpp"
 
 namespace graspforce {
 
@@ -65,45 +68,82 @@ inline void back_substitute(const double* L, int n, double* x) {
   }
 }
 
-// Reduces the first n columns of a rows × columns matrix to upper triangular form, A = Q R, with
-// the reflections applied to the columns behind them as well. Reflection j is I − beta[j] v vᵀ with
-// v = (1, the entries of column j below the diagonal); `row` is room for one row.
-inline void reflect(double* a, int rows, int n, int columns, double* beta, double* row) {
+// How far apart the rows of a matrix stand that are worked on four columns at a time; what they
+// have behind the last column is zero.
+inline int row_stride(int columns) { return (columns + kLanes - 1) / kLanes * kLanes; }
+
+// Applies reflection j, in column j of the rows from j on, to the columns behind j among
+// 4 × `vectors` from `first` on.
+template <int vectors>
+inline void reflect_columns(double* a, int rows, int stride, int j, double beta, int first) {
+  double* const head = a + j * stride + first;
+  const double* const v = a + j;
+  Lanes along[vectors];
+  GRASPFORCE_UNROLL
+  for (int k = 0; k < vectors; ++k) along[k] = four_at(head + k * kLanes);
+  for (int i = j + 1; i < rows; ++i) {
+    const double entry = v[i * stride];
+    if (entry == 0) continue;  // many are: a contact's cone is independent of the others
+    const double* const row = a + i * stride + first;
+    GRASPFORCE_UNROLL
+    for (int k = 0; k < vectors; ++k) along[k] += entry * four_at(row + k * kLanes);
+  }
+  GRASPFORCE_UNROLL
+  for (int k = 0; k < vectors; ++k) along[k] *= beta;
+  for (int c = 0; first + c <= j; ++c) along[0][c] = 0;
+  const auto subtract = [&along](double entry, double* row) {
+    GRASPFORCE_UNROLL
+    for (int k = 0; k < vectors; ++k) {
+      const Lanes left = four_at(row + k * kLanes) - entry * along[k];
+      std::memcpy(row + k * kLanes, &left, sizeof left);
+    }
+  };
+  subtract(1, head);
+  for (int i = j + 1; i < rows; ++i)
+    if (v[i * stride] != 0) subtract(v[i * stride], a + i * stride + first);
+}
+
+// Reduces the first n columns of a matrix to upper triangular form, A = Q R, with the reflections
+// applied to the columns behind them as well; the stride of its rows is that of row_stride.
+// Reflection j is I − beta[j] v vᵀ with v = (1, the entries of column j below the diagonal).
+inline void reflect(double* a, int rows, int n, int stride, double* beta) {
   for (int j = 0; j < n; ++j) {
-    double* head = a + j * columns;
+    double& head = a[j * (stride + 1)];
     double below = 0;
-    for (int i = j + 1; i < rows; ++i) below += a[i * columns + j] * a[i * columns + j];
+    for (int i = j + 1; i < rows; ++i) below += a[i * stride + j] * a[i * stride + j];
     beta[j] = 0;
     if (below == 0) continue;
-    const double length = std::copysign(std::sqrt(head[j] * head[j] + below), head[j]);
-    const double first = head[j] + length, inverse = 1 / first;
+    const double length = std::copysign(std::sqrt(head * head + below), head);
+    const double first = head + length, inverse = 1 / first;
     beta[j] = first / length;
-    head[j] = -length;
-    std::copy(head + j + 1, head + columns, row + j + 1);
-    for (int i = j + 1; i < rows; ++i) {
-      double* other = a + i * columns;
-      if (other[j] == 0) continue;  // many are: a contact's cone is independent of the others
-      other[j] *= inverse;
-      for (int c = j + 1; c < columns; ++c) row[c] += other[j] * other[c];
-    }
-    for (int c = j + 1; c < columns; ++c) head[c] -= beta[j] * row[c];
-    for (int i = j + 1; i < rows; ++i) {
-      double* other = a + i * columns;
-      if (other[j] != 0)
-        add_scaled(-beta[j] * other[j], row + j + 1, columns - j - 1, other + j + 1);
-    }
+    head = -length;
+    for (int i = j + 1; i < rows; ++i) a[i * stride + j] *= inverse;
+    for (int c = j / kLanes * kLanes; c < stride; c += 2 * kLanes)
+      if (c + kLanes < stride)
+        reflect_columns<2>(a, rows, stride, j, beta[j], c);
+      else
+        reflect_columns<1>(a, rows, stride, j, beta[j], c);
   }
 }
 
-// x ← R⁻ᵀ x for the upper triangle R of a matrix with `stride` columns, for several right-hand
-// sides that stand beside each other in rows of `width`.
-inline void solve_transposed(const double* R, int n, int stride, double* x, int columns = 1,
-                             int width = 1) {
+// x ← R⁻ᵀ x for the upper triangle R of a matrix.
+inline void solve_transposed(const double* R, int n, int stride, double* x) {
   for (int i = 0; i < n; ++i) {
-    double* target = x + i * width;
-    for (int k = 0; k < i; ++k) add_scaled(-R[k * stride + i], x + k * width, columns, target);
+    for (int k = 0; k < i; ++k) x[i] -= R[k * stride + i] * x[k];
+    x[i] /= R[i * (stride + 1)];
+  }
+}
+// The same for several right-hand sides, which stand beside each other in rows of `width`, whole
+// vectors.
+inline void solve_transposed(const double* R, int n, int stride, double* x, int width) {
+  for (int i = 0; i < n; ++i) {
     const double inverse = 1 / R[i * (stride + 1)];
-    for (int c = 0; c < columns; ++c) target[c] *= inverse;
+    for (int c = 0; c < width; c += kLanes) {
+      Lanes left = four_at(x + i * width + c);
+      for (int k = 0; k < i; ++k) left -= R[k * stride + i] * four_at(x + k * width + c);
+      left *= inverse;
+      std::memcpy(x + i * width + c, &left, sizeof left);
+    }
   }
 }
 
