@@ -32,7 +32,26 @@ except ImportError as error:
     raise MissingExtraError("the live page", "viser", "view") from error
 
 from graspforce.viewer.knobs import Knobs
+from graspforce.viewer.moment import Look
 from graspforce.viewer.server import DEFAULT_PORT, Viewer
-from graspforce.viewer.subjects import open_hand, open_scene, open_subject
+from graspforce.viewer.subjects import (
+    Begun,
+    begin_scene,
+    begin_subject,
+    open_hand,
+    open_scene,
+    open_subject,
+)
 
-__all__ = ["DEFAULT_PORT", "Knobs", "Viewer", "open_hand", "open_scene", "open_subject"]
+__all__ = [
+    "DEFAULT_PORT",
+    "Begun",
+    "Knobs",
+    "Look",
+    "Viewer",
+    "begin_scene",
+    "begin_subject",
+    "open_hand",
+    "open_scene",
+    "open_subject",
+]

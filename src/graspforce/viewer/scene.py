@@ -19,7 +19,7 @@ from viser import SceneApi
 from graspforce._util.arrays import Array
 from graspforce.answers.diagnosis import Binding
 from graspforce.viewer import colours, shapes
-from graspforce.viewer.moment import Body, Moment, Pose, Subject
+from graspforce.viewer.moment import Body, Look, Moment, Pose, Subject
 from graspforce.viewer.problems import Answer
 
 # Sizes as shares of the object's [-].
@@ -43,11 +43,14 @@ def dress(api: SceneApi) -> None:
         api.add_light_directional(f"/light/{i}", intensity=strength, position=place)
 
 
-def aim(camera: Any, subject: Subject) -> None:
+def aim(camera: Any, subject: Subject | Look) -> None:
     """Let a server's initial camera look at a subject."""
-    moment = subject.moment(subject.knobs)
+    if isinstance(subject, Look):
+        bodies, moment = subject.bodies, subject.moment
+    else:
+        bodies, moment = subject.bodies(subject.knobs), subject.moment(subject.knobs)
     radius = 1.6 * subject.size
-    for body in subject.bodies(subject.knobs):
+    for body in bodies:
         pose = moment.poses.get(body.name)
         if pose is not None and body.role != "ground":
             places = pose.position + body.vertices @ pose.rotation.T - subject.centre
@@ -83,7 +86,7 @@ class Scene:
     def __init__(
         self,
         api: SceneApi,
-        subject: Subject,
+        subject: Subject | Look,
         on_click: Callable[[Array, Array], None] | None = None,
         on_pull: Callable[[Array, bool], None] | None = None,
     ) -> None:

@@ -12,7 +12,7 @@ from graspforce._util.arrays import Array
 from graspforce.answers.diagnosis import Diagnosis
 from graspforce.answers.wishes import slip_reserves
 from graspforce.viewer import colours
-from graspforce.viewer.moment import Moment
+from graspforce.viewer.moment import Look, Moment
 from graspforce.viewer.problems import Answer
 
 if TYPE_CHECKING:
@@ -75,6 +75,13 @@ def verdict(moment: Moment, answer: Answer | None, found: Diagnosis | None) -> s
     return _framed(
         colour, title, "<br>".join([" · ".join(parts), f"<small>{small}</small>", *notes])
     )
+
+
+def look(shown: Look) -> str:
+    """Return what a page says while its subject is being made, or why there will be none."""
+    if shown.failed:
+        return _framed(colours.RED, "Not held", escape(shown.moment.note))
+    return _framed(colours.GREY, "One moment", escape(shown.moment.note))
 
 
 def numbers(moment: Moment, answer: Answer | None) -> str:
