@@ -138,7 +138,7 @@ class Panel:
                     self._add_physics()
                 self._add_time()
         with tabs.add_tab("Colours"):
-            gui.add_html(words.legend())
+            gui.add_html(words.legend(subject.fingers))
         with tabs.add_tab("Share"):
             self._add_share()
 

@@ -23,6 +23,9 @@ from graspforce.viewer.session import Session
 # Each has a thread and a scene of its own: more than these would all be slow.
 MOST_CLIENTS = 8
 DEFAULT_PORT = 8080
+# On pages narrower than this, as on a phone, viser has the panel as a sheet from below; the share
+# of the height that it covers.
+_NARROW, _SHEET = 576, 0.6
 
 
 class Viewer:
@@ -118,6 +121,9 @@ class Viewer:
             )
             return
         self._clients[client.client_id] = client
+        width, height = client.camera.image_width, client.camera.image_height
+        if width < _NARROW:
+            aim(client.camera, self._subject, _SHEET, width / height)
         self._show(client)
 
     def _take(self, subject: Subject | Look, knobs: Knobs | None) -> None:

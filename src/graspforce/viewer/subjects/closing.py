@@ -12,6 +12,8 @@ from graspforce.sim.scenes.own import held_body
 from graspforce.viewer.moment import Look, Moment
 from graspforce.viewer.subjects import mujoco_bodies
 
+_UNKNOWN = 0.1  # size of an object that has no shape [m]
+
 
 def open_hand(model: Any, body: str, title: str) -> Look:
     """Return how a hand stands that will close on an object.
@@ -31,13 +33,14 @@ def open_hand(model: Any, body: str, title: str) -> Look:
     mj.mj_comPos(model, data)
     drawn = mujoco_bodies.bodies(model, held)
     poses, centre = mujoco_bodies.poses(data, drawn), data.subtree_com[held].copy()
-    places = [
-        poses[each.name].position + each.vertices @ poses[each.name].rotation.T
-        for each in drawn.values()
-        if each.role == "object"
-    ]
-    # About as far as the contacts will be from each other.
-    size = float(np.ptp(np.vstack(places), axis=0).min()) if places else 0.1
+    size = mujoco_bodies.smallest_extent(drawn.values(), poses)
     note = "The hand closes on the object; the forces come when it holds it."
     moment = Moment(poses, (), centre, None, (), (), np.zeros((0, 3)), note)
-    return Look(title, "the hand closes on the object", tuple(drawn.values()), moment, centre, size)
+    return Look(
+        title,
+        "the hand closes on the object",
+        tuple(drawn.values()),
+        moment,
+        centre,
+        size if np.isfinite(size) else _UNKNOWN,
+    )

@@ -57,7 +57,11 @@ class TrialSubject:
         self.centre: Array = tick.origin.copy()
         self.fingers = tick.fingers
         points = tick.points[tick.problem.active]
-        self.size = float(np.linalg.norm(points[:, None] - points, axis=-1).max())
+        # Fingers that touch a long object side by side are no measure of it.
+        self.size = min(
+            float(np.linalg.norm(points[:, None] - points, axis=-1).max()),
+            mujoco_bodies.smallest_extent(first.bodies, first.drawn_at(tick, None, "").poses),
+        )
         self.knobs = Knobs(alpha=first.loop.alpha, load=first.loop.mass)
         self._free = first.loop.free
         controls = {"physics"}
