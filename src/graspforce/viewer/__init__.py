@@ -8,6 +8,9 @@
 True
 >>> page.stop()
 
+A hand closes on its object for seconds before there is a subject: :func:`begin_subject` gives a
+:class:`Look` at it as it stands open, and :meth:`Viewer.turn_to` turns the pages to what it holds.
+
 ======================  ===============================================================
 ``subjects``            what is shown: scenarios, simulated scenes, files, hands
 ``knobs``               what can be turned, its ranges, its form in a link
