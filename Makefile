@@ -11,7 +11,7 @@ reproduce: $(VENV)/sim.installed  ## Section IV of the paper, also in physics, i
 	$(VENV)/bin/python -m graspforce reproduce --out results
 
 test: $(VENV)/test.installed  ## all tests
-	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest -n auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder
 
 docs: $(VENV)/dev.installed  ## the site, into build/site, without a network
 	$(VENV)/bin/codespell *.md docs examples/gallery

@@ -6,6 +6,7 @@ import inspect
 import os
 import signal
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 import hypothesis
@@ -38,6 +39,23 @@ NOBODY = 65534  # the user of that name
 # A few grasps of a real hand (tests/data/README.md), and where a machine may have the rest of them.
 ALLEGRO = Path(__file__).parent / "data" / "allegro.npz"
 SHARED = Path(__file__).parents[2] / "shared" / "data"
+
+
+# Tests in a browser wait more than they compute: in a run on several processes these files start
+# first, and then, as pytest-xdist by itself has it, those with the most tests.
+LONG = (
+    "test_viewer_clients.py",
+    "test_viewer_scene.py",
+    "test_viewer_knobs.py",
+    "test_viewer_command.py",
+)
+
+
+def pytest_collection_modifyitems(config, items):
+    """Set the order in which the files of a parallel run start."""
+    if hasattr(config, "workerinput"):
+        count = Counter(item.path for item in items)
+        items.sort(key=lambda item: (item.path.name not in LONG, -count[item.path]))
 
 
 def pytest_report_header():
@@ -146,3 +164,28 @@ def browser():
         opened = playwright.chromium.launch(executable_path=chromium.PATH, args=chromium.FLAGS)
         yield opened
         opened.close()
+
+
+@pytest.fixture
+def served(browser):
+    """Return a function that serves a subject, or a look, and opens pages on it."""
+    import live_page
+
+    from graspforce import viewer
+
+    opened = []
+
+    def serve(subject, query="", pages=1):
+        page = viewer.Viewer(subject, port=0)
+        opened.append(page.stop)
+        tabs = []
+        for _ in range(pages):
+            url = page.link(page._knobs.from_query(query)) if query else page.url
+            tab = live_page.open_tab(browser, url)
+            opened.append(tab.close)
+            tabs.append(tab)
+        return page, *tabs
+
+    yield serve
+    for close in reversed(opened):
+        close()

@@ -12,14 +12,17 @@ import numpy as np
 import pytest
 from models import paper_hand_xml
 from typer.testing import CliRunner
+from viser import ViserServer
 
 import graspforce as gf
 from graspforce import cli, sim, viewer
 from graspforce.baselines import lp
-from graspforce.viewer import export, shapes, words
+from graspforce.viewer import colours, export, shapes, words
 from graspforce.viewer.knobs import Knobs, direction_angles
 from graspforce.viewer.problems import answer
 from graspforce.viewer.remedy import knobs_for
+from graspforce.viewer.scene import Scene, contact_forces
+from graspforce.viewer.subjects.closing import open_hand
 from graspforce.viewer.subjects.file import contacts_of
 from graspforce.viewer.subjects.trial import TrialSubject
 from graspforce.viewer.timeline import Forces
@@ -411,11 +414,63 @@ def test_whatever_hand_holds_something_runs_live_and_is_told_by_its_links():
     assert "dropped" in loop.ended
 
 
+def test_a_hand_that_has_yet_to_close_is_shown_open(tmp_path):
+    look, finish = viewer.begin_subject("hand/panda")
+    assert isinstance(look, viewer.Look)
+    assert "closes on the object" in look.moment.note
+    subject = finish()
+    moment = subject.moment(subject.knobs)
+    assert moment.problem is not None
+    assert subject.title == look.title
+    assert np.allclose(look.centre, subject.centre, atol=1e-3)
+    assert look.size == pytest.approx(subject.size, rel=0.1)
+    moved = [
+        np.linalg.norm(pose.position - look.moment.poses[name].position)
+        for name, pose in moment.poses.items()
+    ]
+    assert 0.005 < max(moved) < 0.1  # the jaws
+    sim.run(subject._trials[0]).save(tmp_path / "log.npz")
+    _, finish = viewer.begin_subject("hand/panda", tmp_path / "log.npz")
+    assert finish().title == "hand/panda, a log"
+    with pytest.raises(gf.InvalidInputError, match="expected a body of the model: "):
+        open_hand(sim.hand_model("panda"), "cup", "")
+    with pytest.raises(gf.InvalidInputError, match="No such file"):  # before the hand closes
+        viewer.begin_subject("hand/panda", tmp_path / "none.npz")
+
+
+def test_contacts_of_one_finger_have_its_colour_and_one_label():
+    names = ("index (1)", "index (2)", "thumb", "finger 1", "finger 2", "index (3)")
+    blue, orange, green, pink = colours.FINGERS
+    assert colours.of_fingers(names) == [blue, blue, orange, green, pink, blue]
+    subject = viewer.open_subject("hand/panda")
+    moment, found = solved(subject)
+    server = ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        scene = Scene(server.scene, subject)
+        scene.show(subject.bodies(subject.knobs), moment, found)
+        labels = [each.text for each in scene._contacts._labels if each.visible]
+    finally:
+        server.stop()
+    forces = contact_forces(moment, found.solution.c)
+    expected = []
+    for jaw in ("left_jaw", "right_jaw"):
+        own = [name.startswith(jaw) for name in moment.fingers]
+        assert sum(own) > 1
+        expected.append(f"{jaw}: {np.linalg.norm(forces[own].sum(axis=0)):.2f} N")
+    assert sorted(labels) == expected
+    assert "largest normal" in words.verdict(moment, found, None)
+    largest = moment.fingers[int(found.solution.normal_forces.argmax())]
+    assert f"by {largest} ·" in words.verdict(moment, found, None)
+    legend = words.legend(subject.fingers)
+    assert "left_jaw" in legend
+    assert "spare" not in legend
+
+
 def test_a_log_is_played_with_the_grasps_that_the_loop_had(tmp_path):
     (trial,) = sim.get("regrasp", duration=0.6)
     log = sim.run(trial)
     log.save(tmp_path / "log.npz")
-    subject = TrialSubject((trial,), "regrasp", tmp_path / "log.npz")
+    subject = TrialSubject((trial,), "regrasp", sim.Log.load(tmp_path / "log.npz"))
     assert np.array_equal(subject.times, log.t)
     for k in (10, 225, 299):  # at rest; while finger 1 leaves; when it is off
         moment, found = solved(subject, time=float(log.t[k]))
@@ -429,7 +484,7 @@ def test_a_log_is_played_with_the_grasps_that_the_loop_had(tmp_path):
         assert np.allclose(moment.simulated[order], log.force[k][touching])
     (other,) = sim.get("quadruped")
     with pytest.raises(gf.InvalidInputError, match="expected one of that scene"):
-        TrialSubject((other,), "quadruped", tmp_path / "log.npz")
+        TrialSubject((other,), "quadruped", sim.Log.load(tmp_path / "log.npz"))
     with pytest.raises(gf.InvalidInputError, match="expected a scene that is one"):
         viewer.open_subject("allegro", tmp_path / "log.npz")
     with pytest.raises(gf.InvalidInputError, match="expected a scene to the log, one of hold"):

@@ -18,10 +18,10 @@ from graspforce._engine import native
 from graspforce._engine.outcome import Status
 from graspforce.cli.process import keep_freed_memory
 from graspforce.cli.terminal import counts, printable, progress_bar, reporting, show, status_words
-from graspforce.columns import Columns
 from graspforce.errors import InvalidInputError, error_context
 
 if TYPE_CHECKING:
+    from graspforce.columns import Columns
     from graspforce.files import NamedProblems, NamedSolutions
     from graspforce.solution import Solution
 

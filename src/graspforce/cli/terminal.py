@@ -124,7 +124,7 @@ def one_line_errors() -> Generator[None]:
 
             def show_warning(message: Warning | str, category: type[Warning], *place: Any) -> None:
                 if issubclass(category, GraspForceWarning):
-                    _tell(f"warning: {message}")
+                    tell(f"warning: {message}")
                 else:
                     show_others(message, category, *place)
 
@@ -146,13 +146,14 @@ def one_line_errors() -> Generator[None]:
         raise
 
 
-def _tell(text: str) -> None:
+def tell(text: str) -> None:
+    """Print one line on stderr, as of an error or a warning."""
     with suppress(OSError):  # stderr may be full, too
         typer.echo(f"graspforce: {printable(text)}", err=True)
 
 
 def _fail(text: str, error: Exception) -> NoReturn:
-    _tell(text)
+    tell(text)
     raise SystemExit(getattr(error, "exit_code", 2)) from error
 
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import threading
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from graspforce.cli.terminal import show
-from graspforce.errors import InvalidInputError
+from graspforce.cli.terminal import show, tell
+from graspforce.errors import GraspForceError, InvalidInputError
+
+if TYPE_CHECKING:
+    from graspforce.viewer import Begun, Look, Viewer
 
 EXAMPLES = (
     "graspforce view regrasp --open",
@@ -91,22 +94,40 @@ def view(
     if hand is not None:
         if log is not None:
             raise InvalidInputError("--log: expected with a simulated scene, got --hand")
-        subject = viewer.open_hand(hand, tip or (), tau_max)
+        begun = viewer.Begun(viewer.open_hand(hand, tip or (), tau_max))
     elif model is not None and body is not None:
-        subject = viewer.open_scene(model, body, log)
+        begun = viewer.begin_scene(model, body, log)
     else:
-        subject = viewer.open_subject(name or "static", log)
-    knobs = subject.knobs.from_texts(dict(map(_setting, changes or ())))
-    page = viewer.Viewer(subject, knobs, host, port)
+        begun = viewer.begin_subject(name or "static", log)
+    settings = dict(map(_setting, changes or ()))
+    shown, failed = begun.shown, False
+    page = viewer.Viewer(shown, shown.knobs.from_texts(settings), host, port)
     try:
-        show(f"{subject.title}: {subject.summary}", f"{page.url}  (Ctrl-C ends it)", wrap=False)
+        show(f"{shown.title}: {shown.summary}", f"{page.url}  (Ctrl-C ends it)", wrap=False)
         if open_page:
             webbrowser.open(page.url)
+        if isinstance(shown, viewer.Look):
+            # Here and not in a thread of its own: Ctrl-C ends it at once.
+            failed = not _finish(page, shown, begun, settings)
         threading.Event().wait()
     except KeyboardInterrupt:
         pass
     finally:
         page.stop()
+    if failed:
+        raise typer.Exit(2)
+
+
+def _finish(page: Viewer, look: Look, begun: Begun, settings: dict[str, str]) -> bool:
+    """Let a page turn to its subject when that is made; return whether it could be."""
+    try:
+        subject = begun.finished()
+        page.turn_to(subject, subject.knobs.from_texts(settings))
+    except GraspForceError as error:
+        page.turn_to(look.failing(str(error)))
+        tell(str(error))
+        return False
+    return True
 
 
 def _setting(text: str) -> tuple[str, str]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import xml.etree.ElementTree as ElementTree
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,7 @@ def _urdf() -> str:
     return ElementTree.tostring(robot, encoding="unicode")
 
 
+@cache  # a scene of many trials asks for each, and a list of installed files takes a while
 def _path() -> Path:
     try:
         files = importlib.metadata.files("example-robot-data") or []

@@ -95,14 +95,16 @@ def close(
             which side contacts are missing.
         ModelImportError: an actuator of a kind, or without a limit, that no torque can be sent to.
     """
-    given: Any = start
-    if given is None:
-        given = model.key_qpos[0] if model.nkey else model.qpos0
-    at = as_array(given, "start", (model.nq,))
+    at = as_array(open_pose(model) if start is None else start, "start", (model.nq,))
     with silenced_warnings():
         return _Closing(model, body, at, force, touch, tau_max).run(
             as_positive(duration, "duration", "s")
         )
+
+
+def open_pose(model: Any) -> Array:
+    """Return the joint positions of a model's first keyframe, or qpos0, shape (nq,)."""
+    return np.array(model.key_qpos[0] if model.nkey else model.qpos0, dtype=float)
 
 
 class _Closing:

@@ -205,7 +205,7 @@ class AnyHand:
         for link in self.loop.links:
             name = link or "spare"
             count[name] += 1
-            names.append(f"{name} {count[name]}" if self.loop.links.count(link) > 1 else name)
+            names.append(f"{name} ({count[name]})" if self.loop.links.count(link) > 1 else name)
         return tuple(names)
 
     @property

@@ -8,6 +8,9 @@
 True
 >>> page.stop()
 
+A hand closes on its object for seconds before there is a subject: :func:`begin_subject` gives a
+:class:`Look` at it as it stands open, and :meth:`Viewer.turn_to` turns the pages to what it holds.
+
 ======================  ===============================================================
 ``subjects``            what is shown: scenarios, simulated scenes, files, hands
 ``knobs``               what can be turned, its ranges, its form in a link
@@ -32,7 +35,26 @@ except ImportError as error:
     raise MissingExtraError("the live page", "viser", "view") from error
 
 from graspforce.viewer.knobs import Knobs
+from graspforce.viewer.moment import Look
 from graspforce.viewer.server import DEFAULT_PORT, Viewer
-from graspforce.viewer.subjects import open_hand, open_scene, open_subject
+from graspforce.viewer.subjects import (
+    Begun,
+    begin_scene,
+    begin_subject,
+    open_hand,
+    open_scene,
+    open_subject,
+)
 
-__all__ = ["DEFAULT_PORT", "Knobs", "Viewer", "open_hand", "open_scene", "open_subject"]
+__all__ = [
+    "DEFAULT_PORT",
+    "Begun",
+    "Knobs",
+    "Look",
+    "Viewer",
+    "begin_scene",
+    "begin_subject",
+    "open_hand",
+    "open_scene",
+    "open_subject",
+]

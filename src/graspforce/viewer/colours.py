@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+
 import numpy as np
 
 from graspforce._util.arrays import Array
@@ -42,6 +45,13 @@ def css_ramp() -> str:
     return f"linear-gradient(90deg, {stops})"
 
 
-def of_fingers(count: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """Return a colour a contact, repeating after the last, shape (count, 3)."""
-    return np.array([rgb(FINGERS[i % len(FINGERS)]) for i in range(count)], np.uint8).reshape(-1, 3)
+def finger_of(contact: str) -> str:
+    """Return what makes a contact: its name, without the number where a link makes several."""
+    return re.sub(r" \(\d+\)$", "", contact)
+
+
+def of_fingers(contacts: Sequence[str]) -> list[str]:
+    """Return each contact's colour as ``#rrggbb``, one a finger, repeating after the last."""
+    fingers = list(map(finger_of, contacts))
+    first = list(dict.fromkeys(fingers))
+    return [FINGERS[first.index(each) % len(FINGERS)] for each in fingers]

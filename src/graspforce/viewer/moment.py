@@ -7,7 +7,7 @@ grasps, a hand. All that a page does beyond that is the same for every subject.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -80,6 +80,35 @@ class Moment:
     joint_points: Array
     note: str = ""
     simulated: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """What a page shows while its subject is being made: a drawing and a sentence.
+
+    Attributes:
+        title: a few words.
+        summary: what is being done, a few words.
+        bodies: what is drawn.
+        moment: where they are; its note is the sentence.
+        centre: where the camera looks, shape (3,) [m].
+        size: of what will be held [m].
+        failed: whether there will be no subject, for the reason in the note.
+        knobs: which there are none of yet.
+    """
+
+    title: str
+    summary: str
+    bodies: tuple[Body, ...]
+    moment: Moment
+    centre: Array
+    size: float
+    failed: bool = False
+    knobs: Knobs = field(default_factory=Knobs)
+
+    def failing(self, why: str) -> Look:
+        """Return the same drawing with the reason for which there will be no subject."""
+        return replace(self, moment=replace(self.moment, note=why), failed=True)
 
 
 class Subject(Protocol):

@@ -83,6 +83,16 @@ class Actions(Protocol):
         ...
 
 
+def dress_panel(gui: Any, title: str) -> None:
+    """Set the place, the colours and the title of a client's panel."""
+    gui.configure_theme(
+        control_width="large", show_logo=False, show_share_button=False,
+        brand_color=colours.rgb(colours.FINGERS[0]),
+    )  # fmt: skip
+    gui.main_panel.dock_right()
+    gui.set_panel_label(f"graspforce · {title}")
+
+
 class Panel:
     """The widgets of one client.
 
@@ -106,12 +116,7 @@ class Panel:
         self._remedies: list[Any] = []
         self.speed = 1.0
         gui = self._gui
-        gui.configure_theme(
-            control_width="large", show_logo=False, show_share_button=False,
-            brand_color=colours.rgb(colours.FINGERS[0]),
-        )  # fmt: skip
-        gui.main_panel.dock_right()
-        gui.set_panel_label(f"graspforce · {subject.title}")
+        dress_panel(gui, subject.title)
         self._verdict = gui.add_html("")
         self._remedy_folder = gui.add_folder("What would help", visible=False)
         tabs = gui.add_tab_group()
@@ -133,7 +138,7 @@ class Panel:
                     self._add_physics()
                 self._add_time()
         with tabs.add_tab("Colours"):
-            gui.add_html(words.legend())
+            gui.add_html(words.legend(subject.fingers))
         with tabs.add_tab("Share"):
             self._add_share()
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any
 
@@ -19,16 +20,17 @@ from viser import SceneApi
 from graspforce._util.arrays import Array
 from graspforce.answers.diagnosis import Binding
 from graspforce.viewer import colours, shapes
-from graspforce.viewer.moment import Body, Moment, Pose, Subject
+from graspforce.viewer.moment import Body, Look, Moment, Pose, Subject
 from graspforce.viewer.problems import Answer
 
 # Sizes as shares of the object's [-].
-_CONE, _JOINT, _FRAME, _LABEL, _PATCH = 0.5, 0.1, 0.11, 0.12, 0.3
+_CONE, _JOINT, _FRAME, _LABEL, _PATCH, _CROWDED = 0.5, 0.1, 0.11, 0.12, 0.3, 0.6
 _ARROW, _LONGEST = 0.75, 2.0  # of the longest arrow, at first and at most
 _SHAFT, _HEAD, _HEAD_LENGTH = 0.02, 0.05, 0.13
 # From where the camera looks at first, and how far off, in radii of what there is to see.
 _VIEW = np.array([-0.56, -0.73, 0.39])
 _DISTANCE = 2.0
+_TIGHT = 0.65  # as much of a picture has to be free, in either way, for what there is to see
 _FARTHEST = 2.5  # what is that many times the object's size away, as an arm, is not aimed at
 _CONE_OPACITY = 0.45
 
@@ -43,18 +45,31 @@ def dress(api: SceneApi) -> None:
         api.add_light_directional(f"/light/{i}", intensity=strength, position=place)
 
 
-def aim(camera: Any, subject: Subject) -> None:
-    """Let a server's initial camera look at a subject."""
-    moment = subject.moment(subject.knobs)
+def aim(camera: Any, subject: Subject | Look, covered: float = 0.0, aspect: float = 1.0) -> None:
+    """Let a server's initial camera, or a client's, look at a subject.
+
+    Args:
+        camera: which.
+        subject: what it looks at, in the middle of what is free.
+        covered: the share of the picture's height that a panel covers, from below.
+        aspect: the picture's width by its height.
+    """
+    if isinstance(subject, Look):
+        bodies, moment = subject.bodies, subject.moment
+    else:
+        bodies, moment = subject.bodies(subject.knobs), subject.moment(subject.knobs)
     radius = 1.6 * subject.size
-    for body in subject.bodies(subject.knobs):
+    for body in bodies:
         pose = moment.poses.get(body.name)
         if pose is not None and body.role != "ground":
             places = pose.position + body.vertices @ pose.rotation.T - subject.centre
             radius = max(radius, float(np.linalg.norm(places, axis=1).max()))
     radius = min(radius, _FARTHEST * subject.size)
-    camera.position = tuple(subject.centre + _DISTANCE * radius * _VIEW)
-    camera.look_at = tuple(subject.centre)
+    radius *= max(1.0, _TIGHT / min(aspect, 1 - covered))
+    # Seen from a little above, up in the picture is nearly up in the world.
+    lower = [0.0, 0.0, covered * _DISTANCE * radius * math.tan(camera.fov / 2)]
+    camera.position = tuple(subject.centre - lower + _DISTANCE * radius * _VIEW)
+    camera.look_at = tuple(subject.centre - lower)
     camera.near, camera.far = subject.size / 50, subject.size * 500
 
 
@@ -83,7 +98,7 @@ class Scene:
     def __init__(
         self,
         api: SceneApi,
-        subject: Subject,
+        subject: Subject | Look,
         on_click: Callable[[Array, Array], None] | None = None,
         on_pull: Callable[[Array, bool], None] | None = None,
     ) -> None:
@@ -146,9 +161,10 @@ class Scene:
             self._contacts.show(moment, answer, forces, other, self.metres_per_newton, contacts)
         self._show_joints(moment, answer, joints)
         self._origin = moment.origin
-        self._wanted.show(moment.origin, _wanted(answer), self.metres_per_newton)
+        taken = np.zeros((0, 3)) if self._contacts is None else self._contacts.labelled
+        self._wanted.show(moment.origin, _wanted(answer), self.metres_per_newton, taken)
         if applied is not None:
-            self._applied.show(moment.origin, applied, self.metres_per_newton)
+            self._applied.show(moment.origin, applied, self.metres_per_newton, taken)
 
     def _scale(self, largest: float) -> None:
         """Set the arrows' scale by the first forces; shorter where they would leave the view."""
@@ -255,13 +271,14 @@ class _WrenchArrows:
         )
         self._label = api.add_label(f"/{name}/label", "", anchor="bottom-center", visible=False)
 
-    def show(self, origin: Array, wrench: Array, scale: float) -> None:
+    def show(self, origin: Array, wrench: Array, scale: float, taken: Array) -> None:
         """Draw it.
 
         Args:
             origin: shape (3,) [m].
             wrench: [force; torque], shape (6,) [N, N·m].
             scale: [m/N].
+            taken: where other labels are, shape (k, 3) [m].
         """
         force, torque = wrench[:3], wrench[3:] / self._size
         sizes = np.linalg.norm([force, torque], axis=1)
@@ -277,14 +294,22 @@ class _WrenchArrows:
         parts = (f"{sizes[0]:.2f} N", f"{self._size * sizes[1]:.3f} N·m")
         said = ", ".join(part for part, there in zip(parts, shown, strict=True) if there)
         self._label.text = f"{self._name} {said}"
-        self._label.position = origin + scale * longer
+        end = origin + scale * longer
+        free = np.linalg.norm(taken - end, axis=1).min(initial=np.inf) > _CROWDED * self._size
+        self._label.position = end if free else origin
+        self._label.anchor = "bottom-center" if free else "top-center"
 
 
 class _Contacts:
-    """The drawing of a fixed number of contacts."""
+    """The drawing of a fixed number of contacts.
+
+    Attributes:
+        labelled: where there are labels now, shape (k, 3) [m].
+    """
 
     def __init__(self, api: Any, n: int, size: float) -> None:
         self.n, self._size = n, size
+        self.labelled: Array = np.zeros((0, 3))
         vertices, faces = shapes.cone()
         still = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
         self._cones = api.add_batched_meshes_simple(
@@ -297,7 +322,7 @@ class _Contacts:
             axes_radius=0.006 * size,
         )  # fmt: skip
         self._arrows = api.add_arrows(
-            "/forces", np.zeros((n, 2, 3)), colours.of_fingers(n), **_radii(size)
+            "/forces", np.zeros((n, 2, 3)), np.zeros((n, 3), np.uint8), **_radii(size)
         )
         self._others = api.add_arrows(
             "/other_forces", np.zeros((n, 2, 3)), colours.rgb(colours.OTHER),
@@ -345,19 +370,29 @@ class _Contacts:
         self._frames.batched_positions = points
         self._frames.batched_wxyzs = shapes.quaternion(frames)
         self._arrows.points = _arrows(points, scale * forces, at_head=True)
-        self._arrows.colors = colours.of_fingers(self.n)
+        self._arrows.colors = np.array(
+            list(map(colours.rgb, colours.of_fingers(moment.fingers))), np.uint8
+        )
         self._others.visible = other is not None
         if other is not None:
             self._others.points = _arrows(points, scale * other, at_head=True)
+        # A finger has one label, with the force of all its contacts, at the one with the largest.
+        # Of fingers that are close together the one that presses more has it.
         sizes = np.linalg.norm(forces, axis=1)
-        # Of points of one patch the one with the largest force has the label.
-        near = np.linalg.norm(points[:, None] - points, axis=2) < _PATCH * self._size
-        behind = near & (sizes[None] > sizes[:, None]) & (here > 0)[None]
+        names = list(map(colours.finger_of, moment.fingers))
+        same = np.array([[a == b for b in names] for a in names])
+        totals = np.linalg.norm(same @ forces, axis=1)
+        near = same | (np.linalg.norm(points[:, None] - points, axis=2) < _PATCH * self._size)
+        order = np.lexsort((-np.arange(self.n), sizes, totals)).argsort()
+        behind = near & (order[None] > order[:, None]) & (here > 0)[None]
         for i, label in enumerate(self._labels):
             label.visible = bool(here[i]) and not behind[i].any()
-            label.text = f"{sizes[i]:.2f} N"
+            label.text = f"{names[i]}: {totals[i]:.2f} N"
             away = -normals[i] if sizes[i] == 0 else -forces[i] / sizes[i]
             label.position = points[i] + (scale * sizes[i] + _LABEL * self._size) * away
+        self.labelled = np.array([each.position for each in self._labels if each.visible]).reshape(
+            -1, 3
+        )
 
 
 def contact_forces(moment: Moment, c: Array) -> Array:

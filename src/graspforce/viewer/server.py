@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import ipaddress
 import socket
@@ -12,21 +13,26 @@ from urllib.parse import quote
 from viser import ClientHandle, ViserServer
 
 from graspforce.errors import InvalidInputError, warn
+from graspforce.viewer import words
 from graspforce.viewer.knobs import Knobs
-from graspforce.viewer.moment import Subject
-from graspforce.viewer.scene import aim, dress, quiet
+from graspforce.viewer.moment import Look, Subject
+from graspforce.viewer.panel import dress_panel
+from graspforce.viewer.scene import Scene, aim, dress, quiet
 from graspforce.viewer.session import Session
 
 # Each has a thread and a scene of its own: more than these would all be slow.
 MOST_CLIENTS = 8
 DEFAULT_PORT = 8080
+# On pages narrower than this, as on a phone, viser has the panel as a sheet from below; the share
+# of the height that it covers.
+_NARROW, _SHEET = 576, 0.6
 
 
 class Viewer:
     """Pages about a subject, served until :meth:`stop`.
 
     Args:
-        subject: what they are about.
+        subject: what they are about, or what they show until :meth:`turn_to` tells them.
         knobs: where the knobs stand when a page opens.
         host: the interface on which to listen.
         port: the port; 0 takes a free one.
@@ -43,15 +49,14 @@ class Viewer:
 
     def __init__(
         self,
-        subject: Subject,
+        subject: Subject | Look,
         knobs: Knobs | None = None,
         host: str = "127.0.0.1",
         port: int = DEFAULT_PORT,
     ) -> None:
         if not _check_free(host, port):
             warn(f"host: whoever reaches this machine by {host} can use the page; it asks nobody")
-        self._subject = subject
-        self._knobs = subject.knobs if knobs is None else knobs
+        self._clients: dict[int, ClientHandle] = {}
         self.sessions: dict[int, Session] = {}
         # A page that closes while its thread draws is nothing to tell of.
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
@@ -59,7 +64,7 @@ class Viewer:
             self._server = ViserServer(host=host, port=port, verbose=False)
         self._host = host
         dress(self._server.scene)
-        aim(self._server.initial_camera, subject)
+        self._take(subject, knobs)
         self._server.on_client_connect(self._open)
         self._server.on_client_disconnect(self._close)
 
@@ -79,6 +84,23 @@ class Viewer:
         # viser's page passes nothing of its own query on but the address of the server.
         return f"{self.url}?websocket={quote(f'ws://{self._address}/?{query}', safe='')}"
 
+    def turn_to(self, subject: Subject | Look, knobs: Knobs | None = None) -> None:
+        """Let pages that show a look turn to its subject, or to another look.
+
+        Args:
+            subject: what they are about from now on.
+            knobs: where their knobs stand.
+        """
+
+        async def turn() -> None:
+            self._take(subject, knobs)
+            for client in tuple(self._clients.values()):
+                client.gui.reset()
+                client.scene.reset()
+                self._show(client)
+
+        asyncio.run_coroutine_threadsafe(turn(), self._server.get_event_loop()).result()
+
     def stop(self) -> None:
         """Close all pages and free the port."""
         sessions = list(self.sessions.values())
@@ -92,20 +114,39 @@ class Viewer:
     # In the server's event loop.
 
     async def _open(self, client: ClientHandle) -> None:
-        if len(self.sessions) >= MOST_CLIENTS:
+        if len(self._clients) >= MOST_CLIENTS:
             client.gui.add_markdown(
                 f"**{MOST_CLIENTS} pages are open already**, which is as many as this server "
                 "shows. Close one and reload this page."
             )
             return
-        knobs = self._knobs
+        self._clients[client.client_id] = client
+        width, height = client.camera.image_width, client.camera.image_height
+        if width < _NARROW:
+            aim(client.camera, self._subject, _SHEET, width / height)
+        self._show(client)
+
+    def _take(self, subject: Subject | Look, knobs: Knobs | None) -> None:
+        self._subject = subject
+        self._knobs = subject.knobs if knobs is None else knobs
+        aim(self._server.initial_camera, subject)
+
+    def _show(self, client: ClientHandle) -> None:
+        """Show the subject to a client whose page is empty."""
+        subject, knobs = self._subject, self._knobs
+        if isinstance(subject, Look):
+            dress_panel(client.gui, subject.title)
+            client.gui.add_html(words.look(subject))
+            Scene(client.scene, subject).show(subject.bodies, subject.moment, None)
+            return
         try:
             knobs = knobs.from_query(self._query(client))
         except InvalidInputError as error:
             client.add_notification("This link", str(error), color="red")
-        self.sessions[client.client_id] = Session(client, self._subject, knobs, self.link)
+        self.sessions[client.client_id] = Session(client, subject, knobs, self.link)
 
     async def _close(self, client: ClientHandle) -> None:
+        self._clients.pop(client.client_id, None)
         session = self.sessions.pop(client.client_id, None)
         if session is not None:
             session.close()

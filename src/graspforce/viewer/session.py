@@ -90,8 +90,6 @@ class Session:
             self._pull if "push" in subject.controls else None,
         )  # fmt: skip
         self._thread = threading.Thread(target=self._run, name="graspforce page", daemon=True)
-        if len(subject.items) > 1 and "list" in subject.controls:
-            self._tasks.append(self._list)
         self._wake.set()
         self._thread.start()
 
@@ -277,6 +275,8 @@ class Session:
         elif not self._wake.is_set():
             self._explain(moment, found, knobs)
         self._refresh_timeline(knobs)
+        if self.redraws == 1 and len(self._subject.items) > 1 and "list" in self._subject.controls:
+            self._do(self._list)  # which takes a while for many: the first grasp is seen before
 
     def _show(self, moment: Moment, found: Answer | None, knobs: Knobs, other: Any) -> None:
         bodies = self._subject.bodies(knobs)

@@ -78,6 +78,7 @@ class Timeline:
         t = np.insert(t, at, (now, now, now))
         rows: list[Array] = []
         series: list[uplot.Series] = [uplot.Series(label="t [s]")]
+        strokes = colours.of_fingers(fingers)
         for k, each in enumerate(found):
             for i, name in enumerate(fingers):
                 line = each.normals[:, i]
@@ -86,9 +87,8 @@ class Timeline:
                 value = float(np.interp(now, times, line))
                 rows.append(np.insert(line[kept], at, (value, value, value)))
                 look: Any = {"dash": (4.0, 3.0), "width": 1} if k else {"width": 2}
-                stroke = colours.FINGERS[i % len(colours.FINGERS)]
                 label = f"{name}, {each.method}" if k else name
-                series.append(uplot.Series(label=label, stroke=stroke, **look))
+                series.append(uplot.Series(label=label, stroke=strokes[i], **look))
         for k, each in enumerate(found):
             jumps, changes = each.jumps(largest), each.changes
             if not len(jumps):

@@ -12,7 +12,7 @@ from graspforce._util.arrays import Array
 from graspforce.answers.diagnosis import Diagnosis
 from graspforce.answers.wishes import slip_reserves
 from graspforce.viewer import colours
-from graspforce.viewer.moment import Moment
+from graspforce.viewer.moment import Look, Moment
 from graspforce.viewer.problems import Answer
 
 if TYPE_CHECKING:
@@ -22,14 +22,15 @@ _TABLE = (
     'style="border-collapse:collapse;width:calc(100% - 1.2em);margin:0 .6em;font-size:0.8em;'
     'line-height:1.5"'
 )
+_NOISE = 1e-8  # of a force or torque [N, N·m]
 _MISSED = 0.05  # share of the wanted force
 _MANY = 8  # of more contacts those that do not touch are not listed
 _CELL = 'style="text-align:right;padding:0 .3em;white-space:nowrap"'
 
 
 def number(value: float, unit: str = "") -> str:
-    """Return a number with four significant digits and its unit."""
-    text = f"{value:.4g}"
+    """Return a number with four significant digits and its unit; rounding errors are 0."""
+    text = f"{value if abs(value) > _NOISE else 0.0:.4g}"
     return f"{text}\N{NO-BREAK SPACE}{unit}" if unit else text
 
 
@@ -54,7 +55,8 @@ def verdict(moment: Moment, answer: Answer | None, found: Diagnosis | None) -> s
     slip = float(slip_reserves(answer.problem, solution.c).min(initial=np.inf))
     torque = float(answer.torque_use.max(initial=0.0))
     parts = [
-        f"largest normal {_named('largest-normal', number(_largest(answer), 'N'))}",
+        f"largest normal {_named('largest-normal', number(_largest(answer), 'N'))} "
+        f"by {escape(moment.fingers[int(solution.normal_forces.argmax())])}",
     ]
     if np.isfinite(slip):
         parts.append(f"friction may fall by {_named('slip-reserve', percent(slip))}")
@@ -77,6 +79,13 @@ def verdict(moment: Moment, answer: Answer | None, found: Diagnosis | None) -> s
     )
 
 
+def look(shown: Look) -> str:
+    """Return what a page says while its subject is being made, or why there will be none."""
+    if shown.failed:
+        return _framed(colours.RED, "Not held", escape(shown.moment.note))
+    return _framed(colours.GREY, "One moment", escape(shown.moment.note))
+
+
 def numbers(moment: Moment, answer: Answer | None) -> str:
     """Return a table of the contacts and one of the joints."""
     if answer is None:
@@ -87,8 +96,9 @@ def numbers(moment: Moment, answer: Answer | None) -> str:
         float(np.linalg.norm(solution.c[start : start + min(dim, 3)]))
         for start, dim in zip(problem.starts, problem.layout.dims, strict=False)
     ]
+    dots = colours.of_fingers(moment.fingers)
     rows = [
-        f"<tr><td>{_dot(colours.FINGERS[i % len(colours.FINGERS)])}{escape(name)}</td>"
+        f"<tr><td>{_dot(dots[i])}{escape(name)}</td>"
         f"<td {_CELL}>{_named(f'normal-{i + 1}', number(float(forces[i])))}</td>"
         f"<td {_CELL}>{number(sizes[i])}</td><td {_CELL}>{number(float(problem.mu[i]))}</td>"
         f"<td {_CELL}>{bars[i]}</td></tr>"
@@ -109,10 +119,21 @@ def numbers(moment: Moment, answer: Answer | None) -> str:
     return text + f"<br><table {_TABLE}><tr><th></th>{_heads(heads)}</tr>{''.join(rows)}</table>"
 
 
-def legend() -> str:
-    """Return what the colours and shapes of the scene mean."""
+def legend(fingers: Sequence[str]) -> str:
+    """Return what the colours and shapes of the scene mean.
+
+    Args:
+        fingers: names of the contacts; none where they are not known.
+    """
+    strokes = dict(zip(map(colours.finger_of, fingers), colours.of_fingers(fingers), strict=True))
+    strokes.pop("spare", None)
+    named = ", ".join(f"{_dot(colour)}{escape(name)}" for name, colour in strokes.items())
     lines = [
-        (_dots(colours.FINGERS), "arrows: the force of each finger on the object, ending at it"),
+        (
+            _dots(colours.FINGERS),
+            "arrows: the force of each finger on the object, ending at it, with its newtons"
+            + (f": {named}" if named else ""),
+        ),
         (
             _dot(colours.WANTED),
             "arrow: the wrench that the fingers together shall exert; thin: its torque",
@@ -122,7 +143,8 @@ def legend() -> str:
         (
             f'<span style="display:inline-block;width:3.5em;height:.8em;border-radius:.2em;'
             f'background:{colours.css_ramp()}"></span>',
-            "cones and joints: how much of the friction, of the torque limit is used, 0 to 100 %",
+            "cones, balls at joints: how much of the friction, of the torque limit is used, from "
+            "0 (blue) over 60 % (yellow) to all (red)",
         ),
         (_dot(colours.RED), "of a load that is not held: the limits in conflict; grey: the others"),
         (_dot("#ff0000"), "axis of a contact frame: the normal, into the object"),

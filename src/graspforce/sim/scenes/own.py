@@ -66,6 +66,21 @@ def load(path: str | Path) -> Any:
         raise ModelImportError(f"{path}: not a model that MuJoCo reads: {error}") from error
 
 
+def held_body(model: Any, body: str) -> int:
+    """Return the number of the body that is held, by its name.
+
+    Raises:
+        InvalidInputError: there is none of that name; the text lists those that there are.
+    """
+    number = int(mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, body))
+    if number < 0:
+        known = [model.body(i).name for i in range(1, model.nbody)]
+        raise InvalidInputError(
+            f"object: got {body!r}, expected a body of the model: {', '.join(filter(None, known))}"
+        )
+    return number
+
+
 def own(
     model: Any,
     body: str,
@@ -103,16 +118,11 @@ def own(
             object, with what is missing.
         ModelImportError: an actuator that no torque can be sent to.
     """
-    if mj.mj_name2id(model, mj.mjtObj.mjOBJ_BODY, body) < 0:
-        known = [model.body(i).name for i in range(1, model.nbody)]
-        raise InvalidInputError(
-            f"object: got {body!r}, expected a body of the model: {', '.join(filter(None, known))}"
-        )
+    number = held_body(model, body)
     closed = close(model, body, start)
     data = mj.MjData(model)
     data.qpos[:] = closed
     mj.mj_forward(model, data)
-    number = int(model.body(body).id)
     centre = np.array(data.subtree_com[number])
     weight = float(model.body_subtreemass[number]) * GRAVITY
     way = as_array(move, "move", (3,))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from graspforce.viewer.moment import Body, Moment, Pose
 from graspforce.viewer.problems import turn_knobs
 
 _UNKNOWN = 0.05  # size where contacts do not tell one [m]
+_SIZED = 100  # grasps at most by which the size is told
 
 
 class FileSubject:
@@ -40,20 +42,30 @@ class FileSubject:
         self.items = tuple(each.name for each in grasps)
         self.problems = tuple(each.problem for each in grasps)
         self.knobs = Knobs(alpha=self.problems[0].alpha)
-        self._contacts = [contacts_of(problem) for problem in self.problems]
-        sizes = [_extent(each) for each in self._contacts if each is not None]
+        # A file may have a hundred thousand; of one that is looked at the bodies stay the same.
+        self._contacts = lru_cache(1024)(self._contacts_of)
+        self._hull = lru_cache(1024)(self._hull_of)
+        some = map(self._contacts, range(0, count, -(-count // _SIZED)))
+        sizes = [_extent(each) for each in some if each is not None]
         self.size = float(np.median(sizes)) if sizes else _UNKNOWN
         self.centre: Array = np.zeros(3)
-        self._bodies = tuple(
-            Body(f"object {i}", "object", *mesh, colours.OBJECT, 0.35)
-            for i, contacts in enumerate(self._contacts)
-            if contacts is not None
-            and (mesh := shapes.hull(np.array([each.point for each in contacts]))) is not None
-        )
 
     def bodies(self, knobs: Knobs) -> tuple[Body, ...]:
-        """Return the hulls of all grasps' contacts."""
-        return self._bodies
+        """Return the hull of a grasp's contacts."""
+        return self._hull(self._place(knobs))
+
+    def _place(self, knobs: Knobs) -> int:
+        return min(knobs.item, len(self.problems) - 1)
+
+    def _contacts_of(self, i: int) -> tuple[Contact, ...] | None:
+        return contacts_of(self.problems[i])
+
+    def _hull_of(self, i: int) -> tuple[Body, ...]:
+        contacts = self._contacts(i)
+        mesh = None
+        if contacts is not None:
+            mesh = shapes.hull(np.array([each.point for each in contacts]))
+        return () if mesh is None else (Body(f"object {i}", "object", *mesh, colours.OBJECT, 0.35),)
 
     def alpha_of(self, item: int) -> float:
         """Return the alpha that the file gives a grasp."""
@@ -68,8 +80,8 @@ class FileSubject:
         Raises:
             InvalidInputError: the knobs make no problem of it.
         """
-        i = min(knobs.item, len(self.problems) - 1)
-        given, contacts = self.problems[i], self._contacts[i]
+        i = self._place(knobs)
+        given, contacts = self.problems[i], self._contacts(i)
         f = given.f.copy()
         f[:6] *= knobs.load
         if len(f) >= 6 and knobs.tilt:

@@ -6,7 +6,6 @@ there, from the middle of the joints' ranges.
 
 from __future__ import annotations
 
-import importlib
 import warnings
 from collections.abc import Sequence
 from functools import lru_cache
@@ -325,7 +324,6 @@ def _pairs(chain: Array) -> list[tuple[Array, Array]]:
 def _visuals(model: Any, path: Path) -> list[tuple[Body, tuple[int, Any]]]:
     """Return the visual shapes of a URDF, each with its joint and its place there."""
     pin = pinocchio_module()
-    trimesh: Any = importlib.import_module("trimesh")  # which viser brings along; takes a while
     folders = [str(each) for each in path.resolve().parents]
     try:
         with native_stderr():
@@ -336,13 +334,14 @@ def _visuals(model: Any, path: Path) -> list[tuple[Body, tuple[int, Any]]]:
         return []
     found: list[tuple[Body, tuple[int, Any]]] = []
     for each in geometry.geometryObjects:
-        try:
-            loaded: Any = trimesh.load(each.meshPath, force="mesh")
-            vertices = np.array(loaded.vertices, dtype=float) * np.array(each.meshScale).ravel()
-        except Exception:  # trimesh has a reader, with exceptions of its own, for every format
+        mesh: Any = each.geometry
+        if not hasattr(mesh, "tri_indices"):  # a box, a sphere, a cylinder
             return []
+        corners = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
+        faces = np.array([[each[k] for k in range(3)] for each in corners], np.int64)
         r, g, b = (round(255 * float(c)) for c in each.meshColor[:3])
         colour = colours.lightened(f"#{r:02x}{g:02x}{b:02x}")
-        body = Body(each.name, "hand", vertices, np.array(loaded.faces, np.int64), colour, 0.5)
+        vertices = np.array(mesh.vertices(), dtype=float)
+        body = Body(each.name, "hand", vertices, faces, colour, 0.5)
         found.append((body, (each.parentJoint, each.placement)))
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,16 @@ def poses(data: Any, drawn: dict[int, Body]) -> dict[str, Pose]:
         body.name: Pose(data.geom_xpos[geom].copy(), data.geom_xmat[geom].reshape(3, 3).copy())
         for geom, body in drawn.items()
     }
+
+
+def smallest_extent(drawn: Iterable[Body], poses: Mapping[str, Pose]) -> float:
+    """Return how large the object is where it is smallest, along a world axis; inf without one."""
+    places = [
+        poses[body.name].position + body.vertices @ poses[body.name].rotation.T
+        for body in drawn
+        if body.role == "object"
+    ]
+    return float(np.ptp(np.vstack(places), axis=0).min()) if places else np.inf
 
 
 def joint_points(model: Any, data: Any, names: tuple[str, ...]) -> Array:

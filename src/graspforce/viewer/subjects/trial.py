@@ -7,12 +7,10 @@ import time
 import warnings
 from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from graspforce import sim
 from graspforce._util.arrays import Array
 from graspforce.contact import model_of
 from graspforce.errors import GraspForceError, GraspForceWarning, InvalidInputError
@@ -26,32 +24,11 @@ from graspforce.viewer.physics import Loop, Tick
 from graspforce.viewer.problems import turn_knobs
 from graspforce.viewer.subjects import mujoco_bodies
 
-SCENES = sim.NAMES
-HANDS = sim.HANDS
 _CEILING = 20.0  # of a contact that is to leave and has none [N]
 # How far a contact of a log may be from where the physics has it, and be the same [m].
 _SAME = 2e-3
 # How far joint positions at the start of a log may be from the scene's [rad, m].
 _START = 0.02
-
-
-def trials(name: str) -> tuple[Trial, ...] | None:
-    """Return the trials of a scene, or of a hand that closes on its object; None for neither."""
-    scene, hand = name.removeprefix("sim/"), name.removeprefix("hand/")
-    if scene in SCENES:
-        return sim.get(scene)
-    if hand != name and hand in HANDS:
-        return sim.own(sim.hand_model(hand), "object", name=f"{hand} hand")
-    return None
-
-
-def own(path: str | Path, body: str) -> tuple[Trial, ...]:
-    """Return the trial of a scene of the user's.
-
-    Raises:
-        InvalidInputError, ModelImportError: as :func:`graspforce.sim.own`.
-    """
-    return sim.own(sim.load(path), body, name=Path(path).stem)
 
 
 class TrialSubject:
@@ -60,7 +37,7 @@ class TrialSubject:
     Args:
         trials: at least one; each is run when the time of a page with it first leaves 0.
         title: of the page.
-        log: of the only trial, an .npz, which is played in place of a run.
+        log: of the only trial, which is played in place of a run.
 
     Raises:
         InvalidInputError: a log of another scene.
@@ -68,7 +45,7 @@ class TrialSubject:
 
     load_unit = "kg"
 
-    def __init__(self, trials: Sequence[Trial], title: str, log: str | Path | None = None) -> None:
+    def __init__(self, trials: Sequence[Trial], title: str, log: Log | None = None) -> None:
         self._trials = tuple(trials)
         self._scenes: dict[int, _Scene] = {}
         self._opening = threading.Lock()
@@ -80,7 +57,11 @@ class TrialSubject:
         self.centre: Array = tick.origin.copy()
         self.fingers = tick.fingers
         points = tick.points[tick.problem.active]
-        self.size = float(np.linalg.norm(points[:, None] - points, axis=-1).max())
+        # Fingers that touch a long object side by side are no measure of it.
+        self.size = min(
+            float(np.linalg.norm(points[:, None] - points, axis=-1).max()),
+            mujoco_bodies.smallest_extent(first.bodies, first.drawn_at(tick, None, "").poses),
+        )
         self.knobs = Knobs(alpha=first.loop.alpha, load=first.loop.mass)
         self._free = first.loop.free
         controls = {"physics"}
@@ -94,7 +75,7 @@ class TrialSubject:
                 raise InvalidInputError(
                     f"log: got one to {len(self._trials)} trials, expected a scene that is one"
                 )
-            first.source = _Replay(trial, first.loop, Log.load(log))
+            first.source = _Replay(trial, first.loop, log)
             self.title = f"{title}, a log"
         self.times: Array = first.source.times
 
