@@ -41,8 +41,8 @@ ALLEGRO = Path(__file__).parent / "data" / "allegro.npz"
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 
 
-# Tests in a browser wait more than they compute: in a run on several processes these files start
-# first, and then, as pytest-xdist by itself has it, those with the most tests.
+# In a run on several processes the files of tests in a browser start early, for they wait more than
+# they compute, and one after another, for a picture takes a processor for seconds.
 LONG = (
     "test_viewer_clients.py",
     "test_viewer_scene.py",
@@ -52,10 +52,15 @@ LONG = (
 
 
 def pytest_collection_modifyitems(config, items):
-    """Set the order in which the files of a parallel run start."""
-    if hasattr(config, "workerinput"):
-        count = Counter(item.path for item in items)
-        items.sort(key=lambda item: (item.path.name not in LONG, -count[item.path]))
+    """Set the order in which the files of a parallel run start: by turns one in a browser and one
+    of the others, of which those with the most tests come first, as pytest-xdist has it."""
+    if not hasattr(config, "workerinput"):
+        return
+    files = [path for path, _ in Counter(item.path for item in items).most_common()]
+    others = [path for path in files if path.name not in LONG]
+    turn = {path: 2 * i + 1 for i, path in enumerate(others)}
+    turn |= {path: 2 * LONG.index(path.name) for path in files if path.name in LONG}
+    items.sort(key=lambda item: turn[item.path])
 
 
 def pytest_report_header():
