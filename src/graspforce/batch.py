@@ -238,6 +238,31 @@ class BatchProblems(Sequence[ForceProblem]):
             fields[name] = _fit_rows(value, axes, count, name, other)
         return cls(layout, fields, count)
 
+    @classmethod
+    def like(
+        cls, first: ForceProblem, stacks: Mapping[str, NDArray[Any]], count: int
+    ) -> BatchProblems:
+        """Return problems of the layout of the first of them; their numbers are not looked into.
+
+        Args:
+            first: what all of them have where there is no stack.
+            stacks: fields by name: a number for all, a number for each problem, shape (B,), or
+                shape (B, …) with the entries of the field, one of which may stand for all.
+            count: B.
+        """
+        slots = first.layout.slots
+
+        def whole(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+            if value.ndim == 0:
+                return np.full(shape, value, dtype=np.float64)
+            missing = (1,) * (1 + len(shape) - value.ndim)
+            every = np.broadcast_to(value.reshape(value.shape + missing), (count, *shape))
+            return np.ascontiguousarray(every, dtype=np.float64)
+
+        fields: dict[str, NDArray[Any]] = first.layout.views(first.packed)
+        fields |= {name: whole(value, slots[name].shape) for name, value in stacks.items()}
+        return cls(first.layout, fields, count)
+
     def __len__(self) -> int:
         return self._count
 
