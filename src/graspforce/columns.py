@@ -286,14 +286,11 @@ class Columns(Sequence[Solution]):
     def certificates(self) -> tuple[list[Array], list[Array]]:
         """The parts y and z of each row's certificate; empty for a row without one."""
         none = np.empty(0)
-        each: list[dict[int, tuple[Array, Array]]] = []
-        for _, batch in self._groups:
-            proofs = {row: batch[row].certificate for row in batch.proved}
-            each.append({row: (p.y, p.z) for row, p in proofs.items() if p is not None})
-        parts = [[(proofs.get(row, (none, none))) for row in range(len(batch))]
-                 for proofs, (_, batch) in zip(each, self._groups, strict=True)]  # fmt: skip
-        pairs = self._in_order(parts)
-        return [y for y, _ in pairs], [z for _, z in pairs]
+        y, z = [none] * len(self), [none] * len(self)
+        for indices, batch in self._groups:
+            for row, proof in batch.certificates().items():
+                y[indices[row]], z[indices[row]] = proof
+        return y, z
 
     def rows(self, name: str) -> list[Any]:
         """Return a quantity of every row, each of its own length."""

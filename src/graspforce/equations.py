@@ -419,7 +419,7 @@ def strictly_inside(c: Array, barriers: Barriers, rounding: float = 0.0) -> NDAr
         A truth value; False where c holds NaN.
     """
     cones, A, b = barriers[:3]
-    least = rounding * (np.abs(b) + _times(np.abs(A), np.abs(c)))
+    least = rounding * (np.abs(b) + _times(np.abs(A), np.abs(c))) if rounding else 0.0
     return (slacks(c, A, b) > least).all(axis=-1) & inside_cones(c, cones, rounding)
 
 
