@@ -58,6 +58,9 @@ _PACKED = 512
 # Problems of a stream that are held at once.
 _SOLVED_AT_ONCE = 8192
 
+# Fields that another bounds from above.
+_LOWER_LIMITS = ("tau_lo", "c_min")
+
 # What a row whose numbers make no problem gets for what is computed from its data.
 _OF_INVALID = {
     "tau": 0.0, "normal_forces": 0.0, "friction_margins": -np.inf, "friction_residual": -np.inf,
@@ -317,11 +320,29 @@ class BatchProblems(Sequence[ForceProblem]):
     def first_flaw(self) -> tuple[int, native.Flaw] | None:
         """Return the first row whose numbers make no problem, and why."""
         find = native.module.find_flaw
+        if len(self) > 1 and all(
+            find(self.layout, extreme) is None for extreme in self._extremes()
+        ):
+            return None
         for row, packed in enumerate(self._all_packed()):
             flaw = find(self.layout, packed)
             if flaw is not None:
                 return row, flaw
         return None
+
+    def _extremes(self) -> Iterator[Array]:
+        """Yield two rows of the least and the most of each number, which flaws show in, if any.
+
+        In the first, lower limits are as high as in any row, and upper ones as low.
+        """
+        for lowest in (True, False):
+            ends: list[Array] = []
+            for name, value in self.fields.items():
+                least = lowest != (name in _LOWER_LIMITS)
+                if self.has_rows(name):
+                    value = value.min(axis=0) if least else value.max(axis=0)
+                ends.append(np.ravel(value))
+            yield np.concatenate(ends, dtype=np.float64)
 
     def undetermined(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return ``ForceProblem.undetermined`` of some rows, all of them with finite numbers."""

@@ -582,8 +582,7 @@ def all_limits(layout: Layout, fields: Mapping[str, Array]) -> tuple[Array, Arra
         unit = np.eye(sum(layout.dims))
         parts.append((unit, fields["c_last"] + fields["dc_max"]))
         parts.append((-unit, fields["dc_max"] - fields["c_last"]))
-    if layout.inequalities:
-        parts.append((fields["A"], fields["b"]))
+    parts.append((fields["A"], fields["b"]))
     batch = fields["f"].shape[:-1]
     width = arms.shape[-2]
     rows = [

@@ -168,8 +168,18 @@ def _quantiles(numbers: NDArray[np.float64]) -> Table:
         table.add_column(Text(heading), justify="right", overflow="fold")
     solved = numbers[np.isfinite(numbers[:, 0])]
     for share, name in ((0, "least"), (0.01, "1 %"), (0.5, "median"), (0.99, "99 %"), (1, "most")):
-        table.add_row(name, *(_written(each) for each in np.quantile(solved, share, axis=0)))
+        table.add_row(name, *map(_written, _quantile(solved, share).tolist()))
     return table
+
+
+def _quantile(numbers: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """Return a quantile of each column as NumPy does, but with infinities, which margins may be."""
+    place = share * (len(numbers) - 1)
+    below, above = int(np.floor(place)), int(np.ceil(place))
+    ordered = np.sort(numbers, axis=0)
+    low, high = ordered[below], ordered[above]
+    with np.errstate(invalid="ignore"):  # infinity less itself
+        return np.where(low == high, low, low + (place - below) * (high - low))
 
 
 def _written(number: float) -> str:
