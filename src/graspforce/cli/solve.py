@@ -137,7 +137,7 @@ def _report(results: NamedSolutions, rows: bool) -> None:
         tightest = tightest[columns.solved[tightest]].tolist()
         tables = [_quantiles(numbers), f"The {len(tightest)} that are nearest to slipping:",
                   _table(results, tightest, columns, numbers)] if tightest else []  # fmt: skip
-    show(*tables, *lines, counts("grasp", map(Status, columns.status.tolist())))
+    show(*tables, *lines, counts("grasp", columns.status.tolist()))
 
 
 def _numbers(columns: Columns) -> NDArray[np.float64]:
@@ -178,8 +178,9 @@ def _quantile(numbers: NDArray[np.float64], share: float) -> NDArray[np.float64]
     below, above = int(np.floor(place)), int(np.ceil(place))
     ordered = np.sort(numbers, axis=0)
     low, high = ordered[below], ordered[above]
-    with np.errstate(invalid="ignore"):  # infinity less itself
-        return np.where(low == high, low, low + (place - below) * (high - low))
+    step = np.zeros_like(low)
+    np.subtract(high, low, out=step, where=low != high)  # infinity less itself is no number
+    return low + (place - below) * step if place > below else low
 
 
 def _written(number: float) -> str:
