@@ -166,17 +166,16 @@ def _quantiles(numbers: NDArray[np.float64]) -> Table:
     table.add_column("of the solved")
     for heading in HEADINGS:
         table.add_column(Text(heading), justify="right", overflow="fold")
-    solved = numbers[np.isfinite(numbers[:, 0])]
+    ordered = np.sort(numbers[np.isfinite(numbers[:, 0])], axis=0)
     for share, name in ((0, "least"), (0.01, "1 %"), (0.5, "median"), (0.99, "99 %"), (1, "most")):
-        table.add_row(name, *map(_written, _quantile(solved, share).tolist()))
+        table.add_row(name, *map(_written, _quantile(ordered, share).tolist()))
     return table
 
 
-def _quantile(numbers: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+def _quantile(ordered: NDArray[np.float64], share: float) -> NDArray[np.float64]:
     """Return a quantile of each column as NumPy does, but with infinities, which margins may be."""
-    place = share * (len(numbers) - 1)
+    place = share * (len(ordered) - 1)
     below, above = int(np.floor(place)), int(np.ceil(place))
-    ordered = np.sort(numbers, axis=0)
     low, high = ordered[below], ordered[above]
     step = np.zeros_like(low)
     np.subtract(high, low, out=step, where=low != high)  # infinity less itself is no number
