@@ -40,8 +40,13 @@ class ProblemRows:
         self.c = forces[:, : sum(layout.dims)]
         # What the ordinary cones and limits hold.
         self.loaded = forces + preload(layout, data) if layout.pulls else forces
+
+    @property
+    def cones(self) -> Cones:
+        """The friction cones; made when asked for, as rows are kept and these are no views."""
+        data, layout = self.data, self.layout
         weight = data["cone_weight"] if layout.cone_weights else None
-        self.cones = Cones.of(layout.dims, data["mu"], data["gamma"], weight)
+        return Cones.of(layout.dims, data["mu"], data["gamma"], weight)
 
     @property
     def barriers(self) -> Barriers:
