@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import os
 import pty
 import re
@@ -470,3 +471,30 @@ def test_cli_of_many_grasps_shows_a_summary_unless_asked_for_rows(tmp_path, opti
     assert ("many[59]" in done.stdout) or not options
     assert ("median" in done.stdout) is not bool(options)
     assert len(done.stdout.splitlines()) < 45 or options
+
+
+def test_cli_quantiles_of_margins_that_are_infinite(tmp_path):
+    """A third of the grasps have no joints: their torque margins are larger than all others."""
+    each = [
+        {"W": p.W.tolist(), "f": p.f.tolist(), "c_max": 50,
+         "models": [{"model": "PCWF", "mu": model.mu} for model in p.models]}
+        | ({} if i % 3 == 0 else {"J": p.J.tolist(), "tau_lo": -9 - i, "tau_hi": 9 + i})
+        for i, p in enumerate(grasps(90))
+    ]  # fmt: skip
+    (tmp_path / "many.json").write_text(json.dumps({"grasps": each}))
+    done = run("solve", tmp_path / "many.json", "--out", tmp_path / "out.npz")
+    assert done.stderr == ""
+    with np.load(tmp_path / "out.npz") as out:
+        margins = sorted(out["torque_residual"][out["status"] == "SOLVED"].tolist())
+    assert len(margins) > 60
+    shown = {}
+    for line in done.stdout.splitlines():
+        cells = re.split(r"\s{2,}", line.strip())
+        if cells[0] in ("least", "1 %", "median", "99 %", "most"):
+            shown[cells[0]] = cells[3]
+    assert math.isfinite(margins[len(margins) // 2 + 1])
+    assert shown["99 %"] == shown["most"] == "–"
+    for name, percent in (("least", 0), ("1 %", 1), ("median", 50)):
+        whole, rest = divmod(percent * (len(margins) - 1), 100)
+        part = rest * (margins[whole + 1] - margins[whole]) / 100
+        assert float(shown[name]) == pytest.approx(margins[whole] + part, rel=1e-3)

@@ -1,10 +1,14 @@
 """Columns of many solutions: each row says what its Solution says."""
 
+import math
+
 import numpy as np
 import pytest
 from grasps import plant
 
 import graspforce as gf
+from graspforce._engine import native
+from graspforce.batch import BatchProblems
 from graspforce.columns import Columns
 
 VECTORS = ("c", "nu", "tau", "normal_forces", "friction_margins", "torque_margins")
@@ -95,3 +99,40 @@ def test_columns_are_a_sequence_of_their_solutions(columns):
 def test_columns_of_no_solutions():
     assert len(Columns([])) == 0
     assert Columns([]).newton_steps.size == 0
+
+
+def test_messages_and_certificates_are_those_of_the_solutions(columns):
+    assert columns.messages() == [solution.message for solution in columns]
+    y, z = columns.certificates()
+    for i, solution in enumerate(columns):
+        proof = solution.certificate
+        assert len(y[i]) == (0 if proof is None else len(solution.nu))
+        if proof is not None:
+            assert gf.Certificate(y[i], z[i]) == proof
+
+
+def test_the_first_flaw_of_many_problems_is_that_of_one_by_one(rng):
+    """Also where the limits of different rows cross, but of none its own."""
+    J, count = rng.normal(size=(9, 4)), 50
+    W, f = rng.normal(size=(count, 6, 9)), rng.normal(size=(count, 6))
+    low = rng.uniform(-3, 3, size=(count, 4))
+    given = {"J": J, "tau_lo": low, "tau_hi": low + 0.1, "c_max": rng.uniform(2, 9, (count, 3))}
+    given |= {"c_min": given["c_max"] - 1, "alpha": rng.uniform(1, 5, count)}
+    flaws = {
+        "W": math.nan, "f": math.inf, "tau_lo": 4.0, "tau_hi": -4.0, "c_max": 0.0, "c_min": 10.0,
+        "alpha": -1.0,
+    }  # fmt: skip
+    for name, value in ({"": 0.0} | flaws).items():
+        fields = {key: np.array(each) for key, each in ({"W": W, "f": f} | given).items()}
+        expected = None
+        if name:
+            row = int(rng.integers(count))
+            fields[name][(row, *np.zeros(fields[name].ndim - 1, dtype=int))] = value
+            if row + 1 < count:
+                fields[name][row + 1] = value
+            own = {key: each[row] if key != "J" else each for key, each in fields.items()}
+            with pytest.raises(gf.InvalidInputError) as caught:
+                gf.ForceProblem(models=gf.PCWF(0.5), **own)
+            expected = (row, str(caught.value))
+        found = BatchProblems.of(gf.PCWF(0.5), fields).first_flaw()
+        assert (found and (found[0], native.describe(found[1]))) == expected

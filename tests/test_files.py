@@ -8,6 +8,7 @@ import math
 import random
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from test_columns import make_problems
 import graspforce as gf
 from graspforce import files
 from graspforce.columns import Columns, ProblemColumns
-from graspforce.files import npz_grasps
+from graspforce.files import json_grasps, npz_grasps
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
@@ -100,6 +101,132 @@ def test_json_grasp_is_the_problem_that_python_makes(tmp_path):
     )
     assert name == "can"
     assert problem == expected
+
+
+def of_contacts(rng, kinds, **further):
+    """A random grasp as a file has it, and as Python makes it."""
+    contacts, entries = [], []
+    for kind in kinds:
+        unit = rng.normal(size=3)
+        unit /= np.linalg.norm(unit)
+        coefficients = {"FPC": {}, "PCWF": {"mu": 0.5}, "SFC": {"mu": 1, "gamma": 0.01}}[kind]
+        model = getattr(gf, kind)(**coefficients)
+        tangent = rng.normal(size=3).tolist() if rng.random() < 0.5 else None
+        given = {"point": (-0.04 * unit).tolist(), "normal": unit.tolist()}
+        contacts.append(gf.Contact(*given.values(), model, tangent))
+        entries.append(given | {"model": kind, **coefficients})
+        if tangent is not None:
+            entries[-1]["tangent"] = tangent
+    origin = rng.normal(size=3).tolist() if rng.random() < 0.5 else (0, 0, 0)
+    f = rng.normal(size=6).tolist()
+    problem = gf.Grasp(contacts, origin=origin).problem(f, **further)
+    return {"contacts": entries, "f": f, "origin": list(origin), **further}, problem
+
+
+def of_map(rng, kinds, **further):
+    kinds = [gf.PCWF(0.5) if kind == "PCWF" else gf.FPC(pull=2) for kind in kinds]
+    W = rng.normal(size=(6, sum(kind.dim for kind in kinds)))
+    f = rng.normal(size=6)
+    names = [{"model": "PCWF", "mu": 0.5} if kind.dim == 3 else {"model": "FPC", "pull": 2}
+             for kind in kinds]  # fmt: skip
+    document = {"W": W.tolist(), "f": f.tolist(), "models": names, **further}
+    return document, gf.ForceProblem(W, f, kinds, **further)
+
+
+def random_file(rng, count=60):
+    """Grasps of many kinds, mixed, and the problems that Python makes of them."""
+    kinds = (["PCWF"] * 3, ["PCWF", "SFC", "FPC"], ["SFC"] * 4, ["PCWF"] * 2)
+    limits = ({"c_max": 20}, {"c_max": 20, "c_min": 0.5, "alpha": 2}, {"f_soft": 0.1, "c_max": 9})
+    for _ in range(count):
+        make = of_contacts if rng.random() < 0.6 else of_map
+        own = dict(limits[rng.integers(len(limits))])
+        each = [kind if make is of_contacts else kind.replace("SFC", "FPC")
+                for kind in kinds[rng.integers(len(kinds))]]  # fmt: skip
+        if rng.random() < 0.3:
+            own["c_max"] = [20 + i for i in range(len(each))]
+        yield make(rng, each, **own)
+
+
+def test_json_of_many_kinds_is_what_python_makes_and_read_at_once(tmp_path, monkeypatch):
+    """To the last bit, and never by the parser and the loop that look for what is wrong."""
+    documents, problems = zip(*random_file(np.random.default_rng(3)), strict=True)
+    documents[4]["name"] = 'a "name" \\ with \\" ä and no other "key": 1'
+    monkeypatch.setattr(json_grasps, "_parse", None)
+    path = save(tmp_path / "many.json", {"comment": '"', "grasps": documents})
+    grasps = files.read(path)
+    assert [problem for _, problem in grasps] == list(problems)
+    assert [name for name, _ in grasps][3:6] == ["many[3]", documents[4]["name"], "many[5]"]
+    assert len(files.load(path).grasps.problems.groups) < 48  # kinds that there may be
+
+
+def broken(documents, at, what):
+    grasp = documents[at]
+    if what == "a row too short":
+        grasp["W" if "W" in grasp else "c_max"] = [[1.0] * 9] * 5 + [[1.0] * 8]
+    elif what == "no tangent":
+        grasp["contacts"][1]["tangent"] = grasp["contacts"][1]["normal"]
+    elif what == "no unit":
+        grasp["contacts"][1]["normal"] = [1, 1, 1]
+    elif what == "a number too large":
+        grasp["f"][2] = 10**400
+    elif what == "limits that cross":
+        grasp["c_min"] = 30
+    elif what == "too few":
+        grasp["f"] = grasp["f"][:5]
+    elif what == "one for all":
+        grasp["c_max"] = [20]
+    return json.dumps({"grasps": documents})
+
+
+@pytest.mark.parametrize(
+    ("what", "message"),
+    {
+        "a row too short": r"W: not a regular array|\$\.grasps\[{}\]\.c_max\[0\]: got 9 entries",
+        "no tangent": r"grasp {} 'many\[{}\]': contacts\[1\]: tangent: got",
+        "no unit": r"grasp {} 'many\[{}\]': contacts\[1\]: normal: got \[1.0, 1.0, 1.0\]",
+        "a number too large": r"\$\.grasps\[{}\]\.f\[2\]: got inf",
+        "limits that cross": r"grasp {} 'many\[{}\]': c_min\[0\]: got 30, expected at most c_max",
+        "too few": r"grasp {} 'many\[{}\]': f: got shape \(5,\)",
+        "one for all": r"grasp {} 'many\[{}\]': c_max: got shape \(1,\)",
+    }.items(),
+)
+def test_json_of_many_kinds_names_the_grasp_that_is_wrong(tmp_path, what, message):
+    rng = np.random.default_rng(4)
+    documents = [document for document, _ in random_file(rng, 30)]
+    at = next(i for i in range(10, 30) if "contacts" in documents[i])
+    path = tmp_path / "many.json"
+    path.write_text(broken(documents, at, what))
+    with pytest.raises(gf.InvalidInputError, match=message.replace("{}", str(at))):
+        files.read(path)
+
+
+@pytest.mark.parametrize("key", ["comment", "f", "mu", "point", "grasps"])
+def test_json_key_given_twice_is_found_behind_quotes_in_texts(tmp_path, key):
+    text = json.dumps({"comment": 'a \\" b \\\\', "grasps": [changed(comment='"\\'), CAN]})
+    text = text.replace(f'"{key}":', f'"{key}": 1, "{key}":', 1)
+    (tmp_path / "twice.json").write_text(text)
+    with pytest.raises(gf.InvalidInputError, match=f'the key "{key}" is given twice'):
+        files.read(tmp_path / "twice.json")
+
+
+def test_json_slips_of_every_grasp_are_those_of_python(tmp_path):
+    rng = np.random.default_rng(5)
+    documents = [of_contacts(rng, ["PCWF"] * n)[0] for n in (3, 4, 3, 4, 3)]
+    for at, scale in ((1, 1000.0), (2, -1.0), (4, 1000.0)):
+        for contact in documents[at]["contacts"]:
+            contact["point"] = [scale * x for x in contact["point"]]
+    with warnings.catch_warnings(record=True) as expected:
+        warnings.simplefilter("always")
+        for each in documents:
+            gf.Grasp([
+                gf.Contact(c["point"], c["normal"], gf.PCWF(0.5)) for c in each["contacts"]
+            ])  # fmt: skip
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        files.read(save(tmp_path / "slips.json", {"grasps": documents}))
+    assert [str(each.message) for each in caught] == [str(each.message) for each in expected]
+    assert len(caught) == 3
+    assert {each.filename for each in caught} == {__file__}
 
 
 def test_json_grasp_by_W(tmp_path):

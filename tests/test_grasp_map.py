@@ -6,6 +6,7 @@ from grasps import KINDS, components, random_contacts, random_model
 from scipy.spatial.transform import Rotation
 
 import graspforce as gf
+from graspforce.grasp_map import stacked_maps
 
 MIXED = [*KINDS, *KINDS[::-1]]
 
@@ -134,3 +135,26 @@ def test_hand_and_joint_angles_come_together(contacts, arguments, missing):
 def test_joint_angles_of_another_number_are_refused(contacts):
     with pytest.raises(gf.InvalidInputError, match=r"^q: got shape \(3,\), expected shape \(2,\)"):
         gf.Grasp(contacts, TwoJoints(), q=[0, 0, 0])
+
+
+@pytest.mark.filterwarnings("ignore::graspforce.GraspForceWarning")
+def test_stacked_maps_are_those_of_contacts(rng):
+    kinds = [gf.SFC(0.5, 0.01), gf.FPC(), gf.PCWF(0.5)]
+    points, tangents = 0.1 * rng.normal(size=(2, 200, 3, 3))
+    normals = rng.normal(size=(200, 3, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    normals[:9] = np.eye(3)
+    tangents[:9] = np.roll(np.eye(3), 1, axis=0)
+    tangents[9:30] *= 1e-200
+    origins = rng.normal(size=(200, 1, 3))
+    expected = [
+        gf.grasp_map(
+            [gf.Contact(points[i, j], normals[i, j], kinds[j], tangents[i, j]) for j in range(3)],
+            origins[i, 0],
+        )
+        for i in range(200)
+    ]  # fmt: skip
+    given = (origins, points, normals, tangents, [model.dim for model in kinds])
+    np.testing.assert_array_equal(stacked_maps(*given, exact=True), expected)
+    ordinary = [each[30:] if len(each) == 200 else each for each in given]
+    np.testing.assert_allclose(stacked_maps(*ordinary), expected[30:], atol=1e-14)

@@ -38,7 +38,13 @@ from graspforce.problem import (
     require_groups,
     require_known,
 )
-from graspforce.solution import Solution, solved_in_words
+from graspforce.solution import (
+    UNREACHABLE_IN_WORDS,
+    Solution,
+    infeasible_in_words,
+    solved_in_words,
+)
+from graspforce.solution.missing import Lack, lack_in_words
 from graspforce.solution.rows import FROM_DATA, ROWS_AT_ONCE, ProblemRows
 from graspforce.solution.verification import BOUND_TOLERANCE, WRENCH_TOLERANCE
 
@@ -51,6 +57,9 @@ _PACKED = 512
 
 # Problems of a stream that are held at once.
 _SOLVED_AT_ONCE = 8192
+
+# Fields that another bounds from above.
+_LOWER_LIMITS = ("tau_lo", "c_min")
 
 # What a row whose numbers make no problem gets for what is computed from its data.
 _OF_INVALID = {
@@ -238,6 +247,31 @@ class BatchProblems(Sequence[ForceProblem]):
             fields[name] = _fit_rows(value, axes, count, name, other)
         return cls(layout, fields, count)
 
+    @classmethod
+    def like(
+        cls, first: ForceProblem, stacks: Mapping[str, NDArray[Any]], count: int
+    ) -> BatchProblems:
+        """Return problems of the layout of the first of them; their numbers are not looked into.
+
+        Args:
+            first: what all of them have where there is no stack.
+            stacks: fields by name: a number for all, a number for each problem, shape (B,), or
+                shape (B, …) with the entries of the field, one of which may stand for all.
+            count: B.
+        """
+        slots = first.layout.slots
+
+        def whole(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+            if value.ndim == 0:
+                return np.full(shape, value, dtype=np.float64)
+            missing = (1,) * (1 + len(shape) - value.ndim)
+            every = np.broadcast_to(value.reshape(value.shape + missing), (count, *shape))
+            return np.ascontiguousarray(every, dtype=np.float64)
+
+        fields: dict[str, NDArray[Any]] = first.layout.views(first.packed)
+        fields |= {name: whole(value, slots[name].shape) for name, value in stacks.items()}
+        return cls(first.layout, fields, count)
+
     def __len__(self) -> int:
         return self._count
 
@@ -286,11 +320,29 @@ class BatchProblems(Sequence[ForceProblem]):
     def first_flaw(self) -> tuple[int, native.Flaw] | None:
         """Return the first row whose numbers make no problem, and why."""
         find = native.module.find_flaw
+        if len(self) > 1 and all(
+            find(self.layout, extreme) is None for extreme in self._extremes()
+        ):
+            return None
         for row, packed in enumerate(self._all_packed()):
             flaw = find(self.layout, packed)
             if flaw is not None:
                 return row, flaw
         return None
+
+    def _extremes(self) -> Iterator[Array]:
+        """Yield two rows of the least and the most of each number, which flaws show in, if any.
+
+        In the first, lower limits are as high as in any row, and upper ones as low.
+        """
+        for lowest in (True, False):
+            ends: list[Array] = []
+            for name, value in self.fields.items():
+                least = lowest != (name in _LOWER_LIMITS)
+                if self.has_rows(name):
+                    value = value.min(axis=0) if least else value.max(axis=0)
+                ends.append(np.ravel(value))
+            yield np.concatenate(ends, dtype=np.float64)
 
     def undetermined(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return ``ForceProblem.undetermined`` of some rows, all of them with finite numbers."""
@@ -674,26 +726,24 @@ class Batch(Sequence[Solution]):
 
     def messages(self) -> list[str]:
         """Return the verdicts in words, those of :attr:`Solution.message`."""
-        solved = np.flatnonzero(self.solved)
-        texts = [""] * len(self)
-        rows = zip(
-            solved.tolist(), self.newton_steps[solved].tolist(),
-            self.suboptimality[solved].tolist(), self.problems.undetermined(solved).tolist(),
-            strict=True,
-        )  # fmt: skip
-        m = self.problems.layout.sizes["m"]
-        for row, steps, bound, free in rows:
-            texts[row] = solved_in_words(steps, bound, free, m)
-        for row in np.flatnonzero(~self.solved).tolist():
-            texts[row] = self[row].message
-        return texts
+        return [text for part in self._parts for text in part._messages()]
+
+    def certificates(self) -> dict[int, tuple[Array, Array]]:
+        """Return y and z of the certificate of each row that has one."""
+        proofs = dict(self._proofs)
+        for row in self.proved:
+            if self._by_themselves[row]:
+                proof = self[row].certificate
+                assert proof is not None
+                proofs[row] = proof.y, proof.z
+        return proofs
 
     def verify(self) -> BatchVerification:
         """Recompute every residual from the problems' data, as :meth:`Solution.verify` does.
 
         A row whose numbers make no problem is confirmed where its status says so.
         """
-        parts = [self._verify(chunk) for chunk in self._chunks()]
+        parts = [part._verification() for part in self._parts]
         return BatchVerification(
             *(np.concatenate([part[i] for part in parts]) if parts else np.empty(0, kind)
               for i, kind in enumerate((bool, float, float, float, float, object)))
@@ -743,9 +793,11 @@ class Batch(Sequence[Solution]):
     def __repr__(self) -> str:
         return f"Batch({len(self)} rows, {int(self.solved.sum())} solved)"
 
-    def _chunks(self) -> Iterator[Batch]:
-        for first in range(0, len(self), ROWS_AT_ONCE):
-            yield self[first : first + ROWS_AT_ONCE]
+    @cached_property
+    def _parts(self) -> list[Batch]:
+        """So few rows each that what is computed for all of them at once stays small."""
+        firsts = range(0, len(self), ROWS_AT_ONCE)
+        return [self[first : first + ROWS_AT_ONCE] for first in firsts]
 
     @cached_property
     def _by_themselves(self) -> NDArray[np.bool_]:
@@ -765,28 +817,55 @@ class Batch(Sequence[Solution]):
         ]
 
     def _from_data(self, name: str) -> Array:
-        parts = [chunk._compute(name) for chunk in self._chunks()]
-        if parts:
-            return np.concatenate(parts)
-        return FROM_DATA[name](self._together())
+        if self._parts:
+            return np.concatenate([part._compute(name) for part in self._parts])
+        return FROM_DATA[name](self._together)
 
+    @cached_property
     def _together(self) -> ProblemRows:
         return ProblemRows(self.problems.layout, self.found.forces, self.problems.data())
 
     def _compute(self, name: str) -> Array:
         with np.errstate(all="ignore"):
-            values = np.array(FROM_DATA[name](self._together()))
+            values = np.array(FROM_DATA[name](self._together))
         for row in np.flatnonzero(self._by_themselves).tolist():
             values[row] = getattr(self[row], name)
         values[self._flawed] = _OF_INVALID[name]
         return values
 
-    def _verify(self, chunk: Batch) -> tuple[NDArray[Any], ...]:
-        return chunk._verification()
+    def _messages(self) -> list[str]:
+        solved = np.flatnonzero(self.solved)
+        texts = [""] * len(self)
+        rows = zip(
+            solved.tolist(), self.newton_steps[solved].tolist(),
+            self.suboptimality[solved].tolist(), self.problems.undetermined(solved).tolist(),
+            strict=True,
+        )  # fmt: skip
+        m = self.problems.layout.sizes["m"]
+        for row, steps, bound, free in rows:
+            texts[row] = solved_in_words(steps, bound, free, m)
+        lacking = np.isin(self.status, (Status.INFEASIBLE, Status.WRENCH_UNREACHABLE))
+        lacking &= ~self._by_themselves
+        for row, words in self._lacks(np.flatnonzero(lacking)):
+            if self.status[row] == Status.INFEASIBLE:
+                texts[row] = infeasible_in_words(self.violation[row], words)
+            else:
+                texts[row] = UNREACHABLE_IN_WORDS + words
+        for row in np.flatnonzero(~(self.solved | lacking)).tolist():
+            texts[row] = self[row].message
+        return texts
+
+    def _lacks(self, rows: NDArray[np.intp]) -> Iterator[tuple[int, str]]:
+        """Yield rows without contacts out of the grasp, and what their forces lack in words."""
+        layout, nearest = self.problems.layout, self.nearest.tolist()
+        data = {name: value[rows] for name, value in self.problems.data().items()}
+        lacks = ProblemRows(layout, self.found.forces[rows], data).lack
+        for row, *lack in zip(rows.tolist(), *lacks, strict=True):
+            yield row, lack_in_words(layout, Lack(*lack), nearest[row])
 
     def _verification(self) -> tuple[NDArray[Any], ...]:
         """The columns of :class:`BatchVerification`."""
-        rows = self._together()
+        rows = self._together
         barriers = rows.barriers
         W, f = rows.equalities
         with np.errstate(all="ignore"):

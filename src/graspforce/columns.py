@@ -140,12 +140,12 @@ class Columns(Sequence[Solution]):
     def of_batches(cls, groups: Sequence[tuple[NDArray[np.intp], Batch]]) -> Columns:
         """Return the rows of batches, each with the places that they have among all."""
         columns = cls(())
-        columns._solutions, columns._groups = None, list(groups)
+        columns._solutions, columns.groups = None, list(groups)
         return columns
 
     @cached_property
-    def _groups(self) -> list[tuple[NDArray[np.intp], Batch]]:
-        """The rows of each layout, and their places."""
+    def groups(self) -> list[tuple[NDArray[np.intp], Batch]]:
+        """The rows of each layout, with their places in the order of all."""
         solutions: Sequence[Solution] = self._solutions or ()
         problems = [each.problem for each in solutions]
         return [
@@ -155,14 +155,14 @@ class Columns(Sequence[Solution]):
 
     @cached_property
     def _places(self) -> _Places:
-        return _Places.of(len(self), [indices for indices, _ in self._groups])
+        return _Places.of(len(self), [indices for indices, _ in self.groups])
 
     # ---- the solutions themselves -------------------------------------------------------------
 
     def __len__(self) -> int:
         if self._solutions is not None:
             return len(self._solutions)
-        return sum(len(batch) for _, batch in self._groups)
+        return sum(len(batch) for _, batch in self.groups)
 
     @overload
     def __getitem__(self, index: int) -> Solution: ...
@@ -174,7 +174,7 @@ class Columns(Sequence[Solution]):
         if self._solutions is not None:
             return self._solutions[index]
         group, row = int(self._places.group[index]), int(self._places.row[index])
-        return self._groups[group][1][row]
+        return self.groups[group][1][row]
 
     # ---- what the solver found ----------------------------------------------------------------
 
@@ -277,46 +277,43 @@ class Columns(Sequence[Solution]):
 
     def field(self, name: str) -> Array:
         """Return a field of the problems, shape (B, …): ``field("alpha")``, ``field("f")``."""
-        return self._gather([batch.problems.data()[name] for _, batch in self._groups])
+        return self._gather([batch.problems.data()[name] for _, batch in self.groups])
 
     def messages(self) -> list[str]:
         """The verdicts in words."""
-        return self._in_order([batch.messages() for _, batch in self._groups])
+        return self._in_order([batch.messages() for _, batch in self.groups])
 
     def certificates(self) -> tuple[list[Array], list[Array]]:
         """The parts y and z of each row's certificate; empty for a row without one."""
         none = np.empty(0)
-        each: list[dict[int, tuple[Array, Array]]] = []
-        for _, batch in self._groups:
-            proofs = {row: batch[row].certificate for row in batch.proved}
-            each.append({row: (p.y, p.z) for row, p in proofs.items() if p is not None})
-        parts = [[(proofs.get(row, (none, none))) for row in range(len(batch))]
-                 for proofs, (_, batch) in zip(each, self._groups, strict=True)]  # fmt: skip
-        pairs = self._in_order(parts)
-        return [y for y, _ in pairs], [z for _, z in pairs]
+        y, z = [none] * len(self), [none] * len(self)
+        for indices, batch in self.groups:
+            for row, proof in batch.certificates().items():
+                y[indices[row]], z[indices[row]] = proof
+        return y, z
 
     def rows(self, name: str) -> list[Any]:
         """Return a quantity of every row, each of its own length."""
-        return self._in_order([list(getattr(batch, name)) for _, batch in self._groups])
+        return self._in_order([list(getattr(batch, name)) for _, batch in self.groups])
 
     def lengths(self, name: str) -> NDArray[np.int64]:
         """Return how many entries each row of a quantity has, shape (B,)."""
         lengths = np.empty(len(self), dtype=np.int64)
-        for indices, batch in self._groups:
+        for indices, batch in self.groups:
             lengths[indices] = getattr(batch, name).shape[1]
         return lengths
 
     def _in_order(self, parts: Sequence[Sequence[Any]]) -> list[Any]:
         """Put what each group has into the order of all rows."""
         values: list[Any] = [None] * len(self)
-        for (indices, _), part in zip(self._groups, parts, strict=True):
+        for (indices, _), part in zip(self.groups, parts, strict=True):
             for index, value in zip(indices.tolist(), part, strict=True):
                 values[index] = value
         return values
 
     def _column(self, name: str) -> NDArray[Any]:
         if name not in self._columns:
-            self._columns[name] = self._gather([getattr(each, name) for _, each in self._groups])
+            self._columns[name] = self._gather([getattr(each, name) for _, each in self.groups])
         return self._columns[name]
 
     def _gather(self, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -330,7 +327,7 @@ class Columns(Sequence[Solution]):
             stack = np.empty((len(self), *shapes.pop()), dtype=parts[0].dtype)
         else:
             stack = np.full((len(self), *np.max(list(shapes), axis=0)), np.nan)
-        for (indices, _), part in zip(self._groups, parts, strict=True):
+        for (indices, _), part in zip(self.groups, parts, strict=True):
             stack[(indices, *(slice(size) for size in part.shape[1:]))] = part
         return stack
 

@@ -237,38 +237,60 @@ def as_contacts(contacts: Sequence[Contact]) -> tuple[Contact, ...]:
 
 
 def warn_of_slips(contacts: Sequence[Contact]) -> None:
-    """Warn, at the user's line, of contacts that are probably an input error.
+    """Warn, at the user's line, of contacts that are probably an input error, as :func:`slips`."""
+    points = np.array([[contact.point for contact in contacts]])
+    normals = np.array([[contact.normal for contact in contacts]])
+    gamma = np.array([[contact.model.gamma for contact in contacts]])
+    warn(*(text for _, text in slips(points, normals, gamma, [c.model.dim for c in contacts])))
+
+
+def slips(
+    points: Array, normals: Array, gamma: Array, dims: Sequence[int]
+) -> list[tuple[int, str]]:
+    """Return what is probably an input error in B grasps of n contacts: of which grasp, and what.
 
     Millimetres: the contacts spread over more than ``LARGEST_SPAN`` along an axis, or a soft
     finger's gamma is above ``LARGEST_GAMMA``. Normals out of the object: each points away from
     the contacts' centre, more than about 6° beyond square to it, and together they do not point
     one way, as those under the feet of a robot do. Frictionless contacts alone may be cables.
+
+    Args:
+        points: shape (B, n, 3) [m].
+        normals: unit vectors, shape (B, n, 3).
+        gamma: coefficients of torsional friction, shape (B, n) [m].
+        dims: components of each contact, n of them.
     """
-    along = list(zip(*(contact.point.tolist() for contact in contacts), strict=True))
-    span = max(max(axis) - min(axis) for axis in along)
-    if span > LARGEST_SPAN:
-        warn(
-            f"contacts: their points are {span:.4g} m apart; if these are millimetres, divide "
-            "them by 1000"
-        )
-    gamma = max(contact.model.gamma for contact in contacts)
-    if gamma > LARGEST_GAMMA:
-        warn(f"contacts: gamma is {gamma:.4g} m; if these are millimetres, divide them by 1000")
-    centre = np.array([sum(axis) / len(contacts) for axis in along])
-    if (
-        all(_points_away(contact, centre) for contact in contacts)
-        and np.linalg.norm(np.mean([contact.normal for contact in contacts], axis=0)) <= 0.8
-        and any(contact.model.dim > 1 for contact in contacts)
-    ):
-        warn(
-            "contacts: every normal points away from the contacts' centre; normals point INTO "
-            "the object, so turn them round unless the fingers grip from inside"
-        )
+    spans = np.ptp(points, axis=1).max(axis=1)
+    gammas = gamma.max(axis=1)
+    arms = points - points.mean(axis=1, keepdims=True)
+    away = (normals * arms).sum(axis=-1) > 0.1 * np.linalg.norm(arms, axis=-1)
+    one_way = np.linalg.norm(normals.mean(axis=1), axis=-1) > 0.8
+    outward = away.all(axis=1) & ~one_way & (max(dims) > 1)
+    found: list[tuple[int, str]] = []
+    odd = (spans > LARGEST_SPAN) | (gammas > LARGEST_GAMMA) | outward
+    for row in np.flatnonzero(odd).tolist():
+        if spans[row] > LARGEST_SPAN:
+            found.append((row, (
+                f"contacts: their points are {spans[row]:.4g} m apart; if these are millimetres, "
+                "divide them by 1000"
+            )))  # fmt: skip
+        if gammas[row] > LARGEST_GAMMA:
+            found.append((row, (
+                f"contacts: gamma is {gammas[row]:.4g} m; if these are millimetres, divide them by "
+                "1000"
+            )))  # fmt: skip
+        if outward[row]:
+            found.append((row, (
+                "contacts: every normal points away from the contacts' centre; normals point INTO "
+                "the object, so turn them round unless the fingers grip from inside"
+            )))  # fmt: skip
+    return found
 
 
-def _points_away(contact: Contact, centre: Array) -> bool:
-    arm = contact.point - centre
-    return bool(contact.normal @ arm > 0.1 * math.hypot(*arm))
+def exact_lengths(vectors: Array) -> Array:
+    """Return the lengths of vectors, shape (…, 3), as :func:`math.hypot` rounds them."""
+    each = map(math.hypot, *vectors.reshape(-1, 3).T.tolist())
+    return np.fromiter(each, np.float64, vectors.size // 3).reshape(vectors.shape[:-1])
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -40,8 +40,8 @@ RANK_TOLERANCE = 1e-13
 # rounding: a row of it alone must not be scaled up.
 UNDETERMINED = 1e-9
 # That none are, a Gram matrix says whose trace times the norm of its inverse is below this; and the
-# share of the trace that keeps the inverse of a singular one finite.
-_SURELY_REGULAR, _RIDGE = 1e10, 1e-13
+# share of the trace that keeps a singular one from having none.
+_SURELY_REGULAR, _RIDGE = 1e12, 1e-13
 # Forces this many times as large as what the limits are made for mean that nothing holds them.
 RUNAWAY = 1e6
 
@@ -419,7 +419,7 @@ def strictly_inside(c: Array, barriers: Barriers, rounding: float = 0.0) -> NDAr
         A truth value; False where c holds NaN.
     """
     cones, A, b = barriers[:3]
-    least = rounding * (np.abs(b) + _times(np.abs(A), np.abs(c)))
+    least = rounding * (np.abs(b) + _times(np.abs(A), np.abs(c))) if rounding else 0.0
     return (slacks(c, A, b) > least).all(axis=-1) & inside_cones(c, cones, rounding)
 
 
@@ -681,16 +681,34 @@ def undetermined(W: Array, J: Array) -> Any:
     counts = np.zeros(M.shape[:-2], dtype=np.intp)
     rest = np.ones(counts.shape, dtype=bool)
     if rest.size > 1:
-        # Most matrices are far from losing rank, and an inverse says so in a third of the time.
-        G = np.swapaxes(M, -1, -2) @ M
-        trace = np.trace(G, axis1=-2, axis2=-1)
-        ridge = np.where(trace > 0, _RIDGE * trace, 1.0)[..., None, None] * np.eye(M.shape[-1])
-        size = trace * np.linalg.norm(np.linalg.inv(G + ridge), axis=(-2, -1))
-        rest = ~((trace > 0) & (size < _SURELY_REGULAR))
+        # Most matrices are far from losing rank, and Cholesky's factors say so sooner.
+        rest = ~_surely_regular(np.swapaxes(M, -1, -2) @ M)
     sizes = np.linalg.svd(M[rest], compute_uv=False)
     ranks = (sizes > UNDETERMINED * sizes.max(axis=-1, initial=0.0, keepdims=True)).sum(axis=-1)
     counts[rest] = M.shape[-1] - ranks
     return counts if counts.ndim else int(counts)
+
+
+def _surely_regular(G: Array) -> NDArray[np.bool_]:
+    """Tell which symmetric matrices, none negative, have full rank beyond doubt; overwrites them.
+
+    With G = L L.T the inverse of L is, entry by entry, no larger than that of the matrix with the
+    diagonal of L and −|l_ij| below it, whose rows' sums follow from one substitution.
+    """
+    i = G.shape[-1]
+    diagonal = np.einsum("...ii->...i", G)
+    trace = diagonal.sum(axis=-1)
+    known = (trace > 0) & np.isfinite(trace)
+    if not known.all():
+        G[~known] = np.eye(i)
+    diagonal += _RIDGE * np.where(known, trace, 1.0)[..., None]
+    L = np.linalg.cholesky(G)
+    L = np.abs(np.ascontiguousarray(np.moveaxis(L, (-2, -1), (0, 1))))
+    sums = np.ones(L.shape[1:])
+    for k in range(i):
+        sums[k] /= L[k, k]
+        sums[k + 1 :] += L[k + 1 :, k] * sums[k]
+    return known & (i * trace * np.square(sums.max(axis=0)) < _SURELY_REGULAR)
 
 
 def wrench_reachable(W: Array, f: Array) -> bool:

@@ -480,15 +480,8 @@ class ForceProblem:
         Returns:
             Shape (k,) [N, N·m].
         """
-        inside = self.active_components
-        pushes = inside & (np.concatenate([np.arange(dim) for dim in self.layout.dims]) < 3)
-        forces, torques = row_kinds(len(self.f))
-        with np.errstate(all="ignore"):
-            squared = np.square(self.W[:, inside]).sum(axis=1) / self.active.sum()
-            by_row = np.square(self.W[:, pushes]).sum(axis=1)
-            squared[forces] = 1.0
-            squared[torques] = by_row[torques].sum() / by_row[forces].sum()
-        return np.sqrt(np.where((squared > 0) & np.isfinite(squared), squared, 1.0))
+        inner = self.restricted()
+        return wrench_scales(inner.layout.dims, inner.W)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"a ForceProblem is frozen; use problem.replace({name}=…)")
@@ -532,6 +525,24 @@ def row_kinds(k: int) -> tuple[slice, slice]:
     """
     forces, torques = (3, 3) if k >= 6 else (2, 1) if k == 3 else (0, 0)
     return slice(0, forces), slice(forces, forces + torques)
+
+
+def wrench_scales(dims: Sequence[int], W: Array) -> Array:
+    """Return :meth:`ForceProblem.wrench_scales` of grasps without contacts that are out.
+
+    Args:
+        dims: components of each contact.
+        W: grasp maps, shape (…, k, m).
+    """
+    pushes = np.array([axis < 3 for dim in dims for axis in range(dim)], dtype=bool)
+    forces, torques = row_kinds(W.shape[-2])
+    with np.errstate(all="ignore"):
+        squared = np.square(W).sum(axis=-1) / len(dims)
+        by_row = np.square(W[..., pushes]).sum(axis=-1)
+        squared[..., forces] = 1.0
+        lever = by_row[..., torques].sum(axis=-1) / by_row[..., forces].sum(axis=-1)
+        squared[..., torques] = lever[..., None]
+    return np.sqrt(np.where((squared > 0) & np.isfinite(squared), squared, 1.0))
 
 
 def with_bands(layout: Layout, fields: Mapping[str, Array]) -> Mapping[str, Array]:

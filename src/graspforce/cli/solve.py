@@ -137,7 +137,7 @@ def _report(results: NamedSolutions, rows: bool) -> None:
         tightest = tightest[columns.solved[tightest]].tolist()
         tables = [_quantiles(numbers), f"The {len(tightest)} that are nearest to slipping:",
                   _table(results, tightest, columns, numbers)] if tightest else []  # fmt: skip
-    show(*tables, *lines, counts("grasp", map(Status, columns.status.tolist())))
+    show(*tables, *lines, counts("grasp", columns.status.tolist()))
 
 
 def _numbers(columns: Columns) -> NDArray[np.float64]:
@@ -166,10 +166,20 @@ def _quantiles(numbers: NDArray[np.float64]) -> Table:
     table.add_column("of the solved")
     for heading in HEADINGS:
         table.add_column(Text(heading), justify="right", overflow="fold")
-    solved = numbers[np.isfinite(numbers[:, 0])]
+    ordered = np.sort(numbers[np.isfinite(numbers[:, 0])], axis=0)
     for share, name in ((0, "least"), (0.01, "1 %"), (0.5, "median"), (0.99, "99 %"), (1, "most")):
-        table.add_row(name, *(_written(each) for each in np.quantile(solved, share, axis=0)))
+        table.add_row(name, *map(_written, _quantile(ordered, share).tolist()))
     return table
+
+
+def _quantile(ordered: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """Return a quantile of each column as NumPy does, but with infinities, which margins may be."""
+    place = share * (len(ordered) - 1)
+    below, above = int(np.floor(place)), int(np.ceil(place))
+    low, high = ordered[below], ordered[above]
+    step = np.zeros_like(low)
+    np.subtract(high, low, out=step, where=low != high)  # infinity less itself is no number
+    return low + (place - below) * step if place > below else low
 
 
 def _written(number: float) -> str:

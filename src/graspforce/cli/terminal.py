@@ -242,11 +242,18 @@ def status_line(what: str) -> Generator[Callable[[str], None]]:
 # ---- words -------------------------------------------------------------------------------------
 
 
-def counts(what: str, statuses: Iterable[Status]) -> str:
-    """Return how many there are and how many of each status, as in ``3 grasps: 3 solved``."""
+def counts(what: str, statuses: Iterable[int]) -> str:
+    """Return how many there are and how many of each status, as in ``3 grasps: 3 solved``.
+
+    Args:
+        what: a grasp, or what else there are.
+        statuses: values of :class:`graspforce.Status`.
+    """
     counts = Counter(statuses)
     total = counts.total()
-    each = ", ".join(f"{count} {status_words(status)}" for status, count in counts.most_common())
+    each = ", ".join(
+        f"{count} {status_words(Status(status))}" for status, count in counts.most_common()
+    )
     return f"{total} {what}{'' if total == 1 else 's'}: {each}"
 
 

@@ -27,15 +27,8 @@ def grasp_maps(
         tangents: shape (B, n, 3), of any length, not along the normals.
         origins: points that torques are about, shape (B, 3) [m].
     """
-    forces = stacked_maps(origins[:, None], points, normals, tangents)
-    if all(kind == "PCWF" for kind in kinds):
-        return forces
-    count, n = points.shape[:2]
-    units = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
-    torsion = np.concatenate((np.zeros_like(units), units), axis=-1).swapaxes(1, 2)
-    every = np.concatenate((forces.reshape(count, 6, n, 3), torsion[..., None]), axis=-1)
-    chosen = [4 * i + axis for i, kind in enumerate(kinds) for axis in range(DIMS[kind])]
-    return every.reshape(count, 6, 4 * n)[..., chosen]
+    dims = None if all(kind == "PCWF" for kind in kinds) else [DIMS[kind] for kind in kinds]
+    return stacked_maps(origins[:, None], points, normals, tangents, dims)
 
 
 def frame_flaws(normals: Array, tangents: Array) -> dict[int, str]:

@@ -3,6 +3,10 @@
 Three layers, each with errors of its own: the text is strict JSON (Python's parser also takes NaN
 and a key given twice); the document has the shape that ``grasp.schema.json`` describes; the numbers
 make a :class:`ForceProblem`.
+
+All of this is done twice. First with all grasps of a kind at once, by a parser and with checks that
+are quick, but can only tell that a file is in order. Where they cannot, it is read with care, value
+by value, to say what is wrong, and where.
 """
 
 from __future__ import annotations
@@ -10,24 +14,51 @@ from __future__ import annotations
 import gc
 import json
 import math
-from collections import Counter
+from codecs import BOM_UTF8
+from collections import Counter, defaultdict
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from importlib import resources
+from itertools import chain
 from typing import Any, BinaryIO, cast
 
+import numpy as np
 from jsonschema_rs import Draft202012Validator, ValidationError
+from numpy.typing import NDArray
 
+from graspforce._util.arrays import Array
+from graspforce.batch import BatchProblems
 from graspforce.columns import ProblemColumns
-from graspforce.contact import FPC, PCWF, SFC, Contact, ContactModel
-from graspforce.errors import InvalidInputError, error_context
+from graspforce.contact import (
+    FPC,
+    PCWF,
+    SFC,
+    UNIT_TOLERANCE,
+    Contact,
+    ContactModel,
+    any_tangent,
+    cross,
+    exact_lengths,
+    slips,
+)
+from graspforce.errors import InvalidInputError, error_context, warn
 from graspforce.files.named import GraspFile, NamedProblems, default_name
 from graspforce.grasp import Grasp
+from graspforce.grasp_map import stacked_maps
 from graspforce.problem import ForceProblem, ProblemOptions
 
 # Keys of a grasp that are arguments of ForceProblem as they stand.
 _OPTIONS = tuple(ProblemOptions.__annotations__)
+_FIELDS = ("W", "f", *_OPTIONS)
+# Keys whose values are texts.
+_TEXTS = ("$schema", "comment", "name")
+# What contacts have where a file does not say it.
+_COEFFICIENTS = {"mu": 1.0, "gamma": 1.0, "pull": 0.0}
+_NO_TANGENT = (math.nan, math.nan, math.nan)
+_ORIGIN = (0.0, 0.0, 0.0)
+# A tangent with less of it across the normal is looked at by itself.
+_SURELY_ACROSS = 1e-6
 _TYPE_WORDS = {"array": "an array", "object": "an object"}
 
 
@@ -59,16 +90,19 @@ def _uncollected() -> Generator[None]:
 
 
 def _read(data: bytes, stem: str) -> GraspFile:
-    document = _parse(data)
-    _check_shape(document)
-    grasps: list[dict[str, Any]] = document.get("grasps", [document])
-    names: list[str] = []
-    problems: list[ForceProblem] = []
-    for index, grasp in enumerate(grasps):
-        names.append(grasp.get("name", default_name(stem, index, len(grasps))))
-        with error_context(f"grasp {index} {names[-1]!r}"):
-            problems.append(_problem(grasp))
-    return GraspFile(NamedProblems(names, ProblemColumns.of(problems)), [])
+    grasps = _quickly_parsed(data)
+    problems = None if grasps is None else _stacked(grasps)
+    if grasps is None or problems is None:
+        document = _parse(data)
+        _check_shape(document)
+        grasps = cast("list[dict[str, Any]]", document.get("grasps", [document]))
+        problems = _one_by_one(grasps, stem)
+    return GraspFile(NamedProblems(_names(grasps, stem), problems), [])
+
+
+def _names(grasps: Sequence[dict[str, Any]], stem: str) -> list[str]:
+    count = len(grasps)
+    return [each.get("name", default_name(stem, i, count)) for i, each in enumerate(grasps)]
 
 
 @cache
@@ -80,6 +114,148 @@ def _schema_text() -> str:
 def schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of an input file."""
     return json.loads(_schema_text())
+
+
+@cache
+def _validator() -> Draft202012Validator:
+    return Draft202012Validator(schema())
+
+
+# ---- all at once ------------------------------------------------------------------------------
+
+
+def _quickly_parsed(data: bytes) -> list[dict[str, Any]] | None:
+    """Return the grasps of a document that is in order but for their numbers; else None."""
+    import msgspec.json  # which a file that is no JSON need not wait for
+
+    try:
+        document: Any = msgspec.json.decode(data.removeprefix(BOM_UTF8))
+        if not _validator().is_valid(document):
+            return None
+    except (ValueError, RecursionError):  # also of numbers beyond float64; NaN is no JSON
+        return None
+    several = "grasps" in document
+    grasps: list[dict[str, Any]] = document["grasps"] if several else [document]
+    parts = [part for grasp in grasps for part in grasp.get("contacts") or grasp["models"]]
+    objects = [document] * several + grasps
+    texts = sum(map(len, objects)) + sum(key in each for each in objects for key in _TEXTS)
+    texts += sum(map(len, parts)) + len(parts)  # of which each has the name of a model
+    # Of a key that is given twice the text has two, and the document one.
+    return grasps if texts == _texts(data) else None
+
+
+def _texts(data: bytes) -> int:
+    """Return how many texts a JSON document has, keys included."""
+    quotes = data.count(b'"')
+    if b"\\" in data:
+        quotes -= data.replace(rb"\\", b"").count(rb"\"")
+    return quotes // 2
+
+
+def _stacked(grasps: Sequence[dict[str, Any]]) -> ProblemColumns | None:
+    """Return the problems of all grasps; None where something in one of them is wrong."""
+    kinds: defaultdict[tuple[Any, ...], list[int]] = defaultdict(list)
+    for index, grasp in enumerate(grasps):
+        kinds[_kind(grasp)].append(index)
+    groups: list[tuple[NDArray[np.intp], BatchProblems]] = []
+    found: list[tuple[int, str]] = []
+    for indices in kinds.values():
+        try:
+            rows, odd = _rows([grasps[i] for i in indices])
+        except (ValueError, OverflowError):  # also of rows of unlike lengths, and 400 digits
+            return None
+        if rows.first_flaw() is not None:
+            return None
+        groups.append((np.array(indices), rows))
+        found += [(indices[row], text) for row, text in odd]
+    for _, text in sorted(found, key=lambda each: each[0]):
+        warn(text)
+    return ProblemColumns(groups)
+
+
+def _kind(grasp: dict[str, Any]) -> tuple[Any, ...]:
+    """Return what grasps have in common whose numbers can stand in the same arrays."""
+    parts = grasp.get("contacts") or grasp["models"]
+    return (
+        *[(key, _shape(grasp[key])) for key in _FIELDS if key in grasp],
+        *[part["model"] for part in parts],
+        any(part.get("pull", 0) > 0 for part in parts),
+    )
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    """Return the shape that a number, a list or a list of lists has if it is a regular one."""
+    if not isinstance(value, list):
+        return ()
+    rows = cast("list[Any]", value)
+    if not rows or not isinstance(rows[0], list):
+        return (len(rows),)
+    return (len(rows), len(cast("list[Any]", rows[0])))
+
+
+def _rows(grasps: Sequence[dict[str, Any]]) -> tuple[BatchProblems, list[tuple[int, str]]]:
+    """Return the problems of grasps of one kind, and what looks like a slip in them.
+
+    Raises:
+        ValueError, OverflowError: something is wrong in one of them, which the text does not tell.
+    """
+    by_W = "W" in grasps[0]
+    parts = [grasp["models" if by_W else "contacts"] for grasp in grasps]
+    models = [_model(part) for part in parts[0]]
+    fields = {key: _stack([each[key] for each in grasps]) for key in _FIELDS if key in grasps[0]}
+    for name, default in _COEFFICIENTS.items():
+        fields[name] = _stack([[part.get(name, default) for part in each] for each in parts])
+    odd: list[tuple[int, str]] = []
+    if not by_W:
+        with np.errstate(all="ignore"):
+            fields["W"], odd = _maps(grasps, parts, fields["gamma"], [each.dim for each in models])
+    arguments: dict[str, Any] = {key: value[0] for key, value in fields.items()}
+    first = ForceProblem(
+        models=models, **{key: arguments[key] for key in arguments if key not in _COEFFICIENTS}
+    )
+    if not first.layout.pulls:
+        del fields["pull"]
+    return BatchProblems.like(first, fields, len(grasps)), odd
+
+
+def _maps(
+    grasps: Sequence[dict[str, Any]],
+    contacts: Sequence[Sequence[dict[str, Any]]],
+    gamma: Array,
+    dims: Sequence[int],
+) -> tuple[Array, list[tuple[int, str]]]:
+    """Return W of contacts of one kind, to the last bit that of :class:`Grasp`, and slips.
+
+    Raises:
+        InvalidInputError: a frame is none, or so hardly one that it has to be looked at by itself.
+    """
+    points = _stack([[part["point"] for part in each] for each in contacts])
+    normals = _stack([[part["normal"] for part in each] for each in contacts])
+    given = _stack([[part.get("tangent", _NO_TANGENT) for part in each] for each in contacts])
+    origins = _stack([each.get("origin", _ORIGIN) for each in grasps])[:, None]
+    lengths = exact_lengths(normals)
+    units = normals / lengths[..., None]
+    tangents = np.where(np.isnan(given), any_tangent(units), given)
+    across = np.linalg.norm(cross(units.T, tangents.T).T, axis=-1)
+    regular = across > _SURELY_ACROSS * np.abs(tangents).max(axis=-1)
+    if not (regular & (np.abs(lengths - 1) <= UNIT_TOLERANCE)).all():
+        raise InvalidInputError("contacts: not all have a frame")
+    maps = stacked_maps(origins, points, normals, tangents, dims, exact=True)
+    return maps, slips(points, units, gamma, dims)
+
+
+def _stack(numbers: list[Any]) -> Array:
+    """Return numbers, lists or lists of lists as an array, in half the time that NumPy takes.
+
+    Raises:
+        ValueError: they are not alike in their lengths.
+    """
+    shape = [len(numbers)]
+    while numbers and isinstance(numbers[0], list | tuple):
+        (width,) = set(map(len, numbers))
+        shape.append(width)
+        numbers = list(chain.from_iterable(numbers))
+    return np.fromiter(numbers, np.float64, len(numbers)).reshape(shape)
 
 
 # ---- the text ---------------------------------------------------------------------------------
@@ -153,7 +329,7 @@ def _refuse_values(value: Any, path: str, repeated: Sequence[tuple[dict[str, Any
 
 
 def _check_shape(document: Any) -> None:
-    validator = Draft202012Validator(schema())
+    validator = _validator()
     if validator.is_valid(document):
         return
     errors = list(validator.iter_errors(document))
@@ -216,6 +392,14 @@ def _show(value: Any) -> str:
 
 
 # ---- the problems -----------------------------------------------------------------------------
+
+
+def _one_by_one(grasps: Sequence[dict[str, Any]], stem: str) -> ProblemColumns:
+    problems: list[ForceProblem] = []
+    for index, (name, grasp) in enumerate(zip(_names(grasps, stem), grasps, strict=True)):
+        with error_context(f"grasp {index} {name!r}"):
+            problems.append(_problem(grasp))
+    return ProblemColumns.of(problems)
 
 
 def _problem(grasp: dict[str, Any]) -> ForceProblem:

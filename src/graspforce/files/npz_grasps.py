@@ -13,7 +13,6 @@ from typing import Any, BinaryIO, cast
 
 import numpy as np
 from numpy.lib.npyio import NpzFile
-from numpy.typing import NDArray
 
 from graspforce._engine.layout import FIELDS
 from graspforce._util.arrays import Array, as_array, require
@@ -201,18 +200,13 @@ def _problems(arrays: dict[str, np.ndarray[Any, Any]], names: list[str]) -> Prob
 
     # Types, shapes and what came without what are those of all grasps.
     first = make(_first_that_pulls(arrays))
-    layout = first.layout
     given = dict(arrays)
     if "tau_limit" in given:
         limit = given.pop("tau_limit").astype(np.float64)
         given |= {"tau_lo": -limit, "tau_hi": limit}
-    fields: dict[str, NDArray[Any]] = layout.views(first.packed)
-    fields |= {
-        name: _field(array, layout.slots[name].shape)
-        for name, array in given.items()
-        if name != "pull" or layout.pulls
-    }
-    rows = BatchProblems(layout, fields, len(names))
+    if not first.layout.pulls:
+        given.pop("pull", None)
+    rows = BatchProblems.like(first, given, len(names))
     flaw = rows.first_flaw()
     if flaw is not None:
         make(flaw[0])  # which raises, and says it of the array that the file has
@@ -223,15 +217,6 @@ def _first_that_pulls(arrays: dict[str, np.ndarray[Any, Any]]) -> int:
     """Return the index of the first grasp with a contact that pulls; 0 where there is none."""
     pull = arrays.get("pull", np.zeros(()))
     return int((pull > 0).reshape(len(pull), -1).any(axis=1).argmax()) if pull.ndim else 0
-
-
-def _field(array: np.ndarray[Any, Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return a number for all, a number a grasp, or a stack with all entries that a field has."""
-    if array.ndim == 0:
-        return np.full(shape, array, dtype=np.float64)
-    missing = 1 + len(shape) - array.ndim
-    whole = np.broadcast_to(array.reshape(array.shape + (1,) * missing), (len(array), *shape))
-    return np.ascontiguousarray(whole, dtype=np.float64)
 
 
 def _problem(own: dict[str, np.ndarray[Any, Any]]) -> ForceProblem:

@@ -28,6 +28,9 @@ _NUMBERS = (
     "alpha", "newton_steps", "phi", "suboptimality", "violation", "friction_residual",
     "torque_residual", "wrench_error", "nearest",
 )  # fmt: skip
+# Results of JSON that are written together.
+_AT_ONCE = 4096
+_text = json.JSONEncoder(ensure_ascii=False).encode
 _VECTORS = (
     "c", "tau", "normal_forces", "friction_margins", "torque_margins", "nu", "missing",
 )  # fmt: skip
@@ -66,12 +69,27 @@ class _Table:
             name: columns.field(name) if name == "alpha" else getattr(columns, name)
             for name in _NUMBERS
         }
+        self.proofs = columns.certificates()
         self.numbers["nearest"] = self.numbers["nearest"].astype(np.int64)
+
+    def groups(self) -> list[tuple[NDArray[np.intp], dict[str, Array]]]:
+        """Return which results have vectors of the same lengths, and these, a row each."""
+        return [
+            (indices, {name: getattr(batch, name) for name in _VECTORS})
+            for indices, batch in self.columns.groups
+        ]
+
+    def certificate(self, row: int) -> str:
+        """Return a result's certificate as JSON."""
+        y, z = (part[row] for part in self.proofs)
+        if not len(y):
+            return "null"
+        return f'{{"y": [{_in_json(y[None])[0]}], "z": [{_in_json(z[None])[0]}]}}'
 
     def vectors(self) -> dict[str, list[Array]]:
         """Return the vectors of every result, each of its own length."""
         vectors = {name: self.columns.rows(name) for name in _VECTORS}
-        y, z = self.columns.certificates()
+        y, z = self.proofs
         return vectors | {"certificate_y": y, "certificate_z": z}
 
     def stacks(self) -> dict[str, tuple[Array, NDArray[np.int64]]]:
@@ -83,7 +101,7 @@ class _Table:
             else (np.empty((0, 0)), np.empty(0, dtype=np.int64))
             for name in _VECTORS
         }
-        for part, rows in zip("yz", columns.certificates(), strict=True):
+        for part, rows in zip("yz", self.proofs, strict=True):
             stacks[f"certificate_{part}"] = filled_up(rows)
         return stacks
 
@@ -110,20 +128,32 @@ def _finite(number: float) -> float | int | None:
 
 
 def _write_json(path: Path, table: _Table) -> None:
-    lines: list[str] = []  # one result a line: small, and easy to compare and to search
-    numbers, columns = table.plain_numbers(), table.vectors()
-    for index in range(table.size):
-        document: dict[str, Any] = {name: texts[index] for name, texts in table.texts.items()}
-        document |= {name: values[index] for name, values in numbers.items()}
-        vectors = {
-            name: [_finite(x) for x in rows[index].tolist()] for name, rows in columns.items()
-        }
-        y, z = vectors.pop("certificate_y"), vectors.pop("certificate_z")
-        document |= vectors
-        document["certificate"] = {"y": y, "z": z} if y else None
-        lines.append(json.dumps(document, ensure_ascii=False, allow_nan=False))
-    text = '{"results": [\n' + ",\n".join(lines) + "\n]}\n"
-    path.write_text(text, encoding="utf-8", errors="backslashreplace")
+    # One result a line: small, and easy to compare and to search.
+    lines = [""] * table.size
+    for indices, vectors in table.groups():
+        entries = [f'"{name}": %s' for name in (*table.texts, *table.numbers)]
+        entries += [f'"{name}": [%s]' for name in vectors]
+        line = "{" + ", ".join([*entries, '"certificate": %s']) + "}"
+        for first in range(0, len(indices), _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            at = indices[some]
+            rows = at.tolist()
+            columns = [[_text(texts[row]) for row in rows] for texts in table.texts.values()]
+            columns += [_in_json(values[at]) for values in table.numbers.values()]
+            columns += [_in_json(values[some]) for values in vectors.values()]
+            columns.append([table.certificate(row) for row in rows])
+            for row, values in zip(rows, zip(*columns, strict=True), strict=True):
+                lines[row] = line % values
+    with path.open("w", encoding="utf-8", errors="backslashreplace") as file:
+        file.write('{"results": [\n' + ",\n".join(lines) + "\n]}\n")
+
+
+def _in_json(values: NDArray[Any]) -> list[str]:
+    """Return numbers, shape (B,), or the inside of lists of them, (B, n): null if not finite."""
+    import msgspec.json  # which is no part of NumPy's formats
+
+    text = msgspec.json.encode(values.tolist()).decode().replace(",", ", ")
+    return text[1:-1].split(", ") if values.ndim == 1 else text[2:-2].split("], [")
 
 
 def _write_csv(path: Path, table: _Table) -> None:

@@ -47,6 +47,19 @@ class NotConvergedError(SolveError):
     """The solver stopped before it could certify an answer."""
 
 
+UNREACHABLE_IN_WORDS = (
+    "the wrench is outside the range of W: these contacts cannot make it, whatever their forces"
+)
+
+
+def infeasible_in_words(violation: float, lack: str) -> str:
+    """Return what INFEASIBLE means for one problem, with the words for what its wrench lacks."""
+    return (
+        "no contact force gives this wrench within the friction cones and limits; "
+        f"the least relative violation is {violation:.3g}{lack}"
+    )
+
+
 def solved_in_words(steps: int, suboptimality: float, undetermined: int, m: int) -> str:
     """Return what SOLVED means for one problem, with m components of force."""
     told = f"solved in {steps} Newton steps; Phi is within {suboptimality:.1e} of its minimum"
@@ -188,16 +201,10 @@ class Solution(native.SolutionBase):
                     self.newton_steps, self.suboptimality, problem.undetermined, problem.m
                 )
             case Status.INFEASIBLE:
-                return (
-                    "no contact force gives this wrench within the friction cones and limits; "
-                    f"the least relative violation is {self.violation:.3g}"
-                    + in_words(self.problem, self.c, self.nearest)
-                )
+                lack = in_words(self.problem, self.c, self.nearest)
+                return infeasible_in_words(self.violation, lack)
             case Status.WRENCH_UNREACHABLE:
-                return (
-                    "the wrench is outside the range of W: these contacts cannot make it, "
-                    "whatever their forces" + in_words(self.problem, self.c, self.nearest)
-                )
+                return UNREACHABLE_IN_WORDS + in_words(self.problem, self.c, self.nearest)
             case Status.ON_EDGE:
                 return (
                     "the wrench is on the edge of what these contacts can make: forces on the "

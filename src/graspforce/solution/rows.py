@@ -11,7 +11,15 @@ from graspforce import equations
 from graspforce._engine.layout import Layout
 from graspforce._util.arrays import Array
 from graspforce.equations import Barriers, Cones
-from graspforce.problem import all_limits, preload, soft_rows, with_bands, without_pulls
+from graspforce.problem import (
+    all_limits,
+    preload,
+    soft_rows,
+    with_bands,
+    without_pulls,
+    wrench_scales,
+)
+from graspforce.solution.missing import Lack
 
 # Most problems computed together; bounds the memory for their limits.
 ROWS_AT_ONCE = 1024
@@ -30,9 +38,15 @@ class ProblemRows:
     def __init__(self, layout: Layout, forces: Array, data: Mapping[str, Array]) -> None:
         self.layout, self.forces, self.data = layout, forces, data
         self.c = forces[:, : sum(layout.dims)]
-        self.loaded = forces + preload(layout, data)  # what the ordinary cones and limits hold
+        # What the ordinary cones and limits hold.
+        self.loaded = forces + preload(layout, data) if layout.pulls else forces
+
+    @property
+    def cones(self) -> Cones:
+        """The friction cones; made when asked for, as rows are kept and these are no views."""
+        data, layout = self.data, self.layout
         weight = data["cone_weight"] if layout.cone_weights else None
-        self.cones = Cones.of(layout.dims, data["mu"], data["gamma"], weight)
+        return Cones.of(layout.dims, data["mu"], data["gamma"], weight)
 
     @property
     def barriers(self) -> Barriers:
@@ -52,6 +66,13 @@ class ProblemRows:
             return W, f
         exact = data["f_soft"] == 0
         return W * exact[..., None], f * exact
+
+    @property
+    def lack(self) -> Lack:
+        """What the forces lack of the wrenches, as messages say it."""
+        W, f = self.data["W"], self.data["f"]
+        exact = self.data["f_soft"] == 0 if self.layout.soft_wrench else np.ones(f.shape, bool)
+        return Lack.of(W, f, exact, self.c, wrench_scales(self.layout.dims, W))
 
     def tau(self) -> Array:
         """Joint torques."""
