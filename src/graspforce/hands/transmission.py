@@ -25,7 +25,7 @@ opens limits of drives that carry alone: so stops have no part of v.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +104,7 @@ def _determined(drives: Array, couplings: Array) -> Transmission | None:
     if not sizes.all():
         return None
     try:
-        motions = np.linalg.inv(rows / sizes[:, None])
+        motions = cast("Array", np.linalg.inv(rows / sizes[:, None]))
     except np.linalg.LinAlgError:
         return None
     if np.abs(motions).max(initial=0.0) > 1e3:  # rank is then for the singular values to tell
