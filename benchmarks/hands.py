@@ -43,9 +43,7 @@ class ConstantSqueeze(HandLoop):
             self._given = self._first.solution
             return self._first
         now = super().decide(t, pose, seen)
-        _, hand = self.reader.maps(
-            self.book.points, self.book.frames.transpose(0, 2, 1), self._dims, self._bodies
-        )
+        _, hand = self.reader.maps(self.book.points, self.book.axes, self._dims, self._bodies)
         tau = hand.tau_bias + hand.J.T @ self._given.c
         return now._replace(tau=np.clip(tau, self.tau_lo, self.tau_hi))
 

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import graspforce as gf
+from graspforce.contact import patch_weights
 from graspforce.control import ContactBook, position_command
 
 DT = 1e-3
@@ -295,6 +296,29 @@ def test_spare_slots_take_what_comes_late():
     update(1, "wrist")
     assert book.links[3] == "wrist"
     assert book.without_slot == 0
+
+
+def test_cones_of_one_patch_share_their_weight():
+    """A link's contacts whose normals agree, as far as they are engaged; others weigh 1."""
+    book, rng = a_book(), np.random.default_rng(0)
+    for _ in range(60):
+        tilted = np.array([0, 0, 1.0]) + 0.3 * rng.standard_normal((3, 3))
+        tilted /= np.linalg.norm(tilted, axis=1)[:, None]
+        there = np.flatnonzero(rng.random(3) > 0.4)
+        book.update(POINTS[there], tilted[there], [LINKS[i] for i in there], 0.03)
+        counts = np.maximum(book.engagement, 1e-3)
+        expected = patch_weights(book.frames[:, :, 0], LINKS, counts)
+        assert_allclose(book.cone_weight, expected, rtol=1e-12)
+    assert 0 < expected[1] < 0.9
+
+
+def test_more_contacts_than_ever_are_taken():
+    book = a_book()
+    k = 500
+    points = np.tile(POINTS[1], (k, 1)) + 1e-4 * np.arange(k)[:, None]
+    book.update(points, np.tile(NORMALS[1], (k, 1)), ["index"] * k, DT)
+    assert book.without_slot == k - 2
+    assert_allclose(book.points[1:], points[:2])
 
 
 def test_without_spare_slots_other_links_are_passed_over():

@@ -322,6 +322,37 @@ def test_a_transmission_of_independent_drives_is_as_ever(rng):
 
 
 @pytest.mark.parametrize("seed", range(20))
+def test_drives_and_couplings_that_fix_every_joint_leave_nothing_else(seed):
+    """Each drive moves by itself and no coupling is broken, however the rows are scaled."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(2, 9))
+    rows = rng.normal(size=(n, n)) * 10 ** rng.uniform(-3, 1, (n, 1))
+    held = int(rng.integers(0, n))
+    couplings, drives = rows[:held], rows[held:]
+    driven, free, internal, *_ = transmission(drives, couplings)
+    np.testing.assert_allclose(drives @ driven, np.eye(n - held), atol=1e-9)
+    scale = np.abs(driven).max() * np.abs(couplings).max(initial=0)
+    np.testing.assert_allclose(couplings @ driven, 0, atol=1e-9 * scale)
+    assert free.shape == (n, 0)
+    assert internal.shape == (0, n - held)
+
+
+@pytest.mark.parametrize("twice", ["coupling", "drive", "nothing"])
+def test_as_many_rows_as_joints_may_depend_on_each_other(twice):
+    couplings, drives = np.eye(4)[:2], np.eye(4)[2:]
+    if twice == "coupling":
+        couplings = np.array([[1.0, 0, 0, 0], [2.0, 0, 0, 0]])
+    if twice == "drive":
+        drives = np.array([[0, 0, 1.0, 0], [0, 0, 1.0, 1e-12]])
+    if twice == "nothing":
+        couplings = np.array([[1.0, 0, 0, 0], [0, 0, 0, 0]])
+    driven, free, internal, *_ = transmission(drives, couplings)
+    assert free.shape == (4, 1)
+    assert internal.shape == (int(twice == "drive"), 2)
+    np.testing.assert_allclose((couplings @ driven), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(20))
 def test_internal_forces_do_no_work_and_the_others_carry_every_load(seed):
     rng = np.random.default_rng(seed)
     couplings = rng.normal(size=(seed % 2, 4))

@@ -108,14 +108,18 @@ def test_hand_loop_knows_the_change_of_the_jacobian(name):
     mujoco.mj_forward(model, data)
     bodies = np.arange(model.nbody)
     points = data.xpos + 0.05 * rng.standard_normal((model.nbody, 3))
-    linear, angular = loop._drift(points, bodies)
-    for body, point in enumerate(points):
-        change = np.zeros((6, model.nv))
-        mujoco.mj_jacDot(model, data, change[:3], change[3:], point, body)
-        expected = change @ data.qvel
-        assert_allclose(linear[body], expected[:3], atol=1e-10)
-        assert_allclose(angular[body], expected[3:], atol=1e-10)
-    assert np.abs(linear).max() > 0.1
+    still = np.zeros(3)
+    for i in range(3):  # the torsion's axis is the first
+        axes = np.tile(np.roll(np.eye(3), -i, axis=0), (model.nbody, 1, 1))
+        dims = np.full(model.nbody, 4)
+        found = loop._joints.follow(points, axes, dims, bodies, still, still, np.zeros(6))
+        for body, point in enumerate(points):
+            change = np.zeros((6, model.nv))
+            mujoco.mj_jacDot(model, data, change[:3], change[3:], point, body)
+            expected = change @ data.qvel
+            wanted = [*-np.roll(expected[:3], -i), -expected[3 + i]]
+            assert_allclose(found[4 * body : 4 * body + 4], wanted, atol=1e-10)
+        assert np.abs(found).max() > 0.1
 
 
 def test_sim_hands_change_their_forces_no_faster_than_they_may(moved):
@@ -254,16 +258,16 @@ def test_hand_loop_ticks_without_an_answer_keep_the_last_torques():
     model = jaws(BOTH)
     data, loop = started(model)
     good = stepped(model, data, loop, 20)[-1]
-    limits = loop.motors.limits
+    reach = loop.motors.reach
     # As if the motors had lost their strength: no torque of any use is within these.
-    loop.motors.limits = lambda data: (np.full(2, 5.0), np.full(2, 6.0))
+    loop.motors.reach = lambda data: reach(data)._replace(lo=np.full(2, 5.0), hi=np.full(2, 6.0))
     loop._mu = 0.01
     kept = stepped(model, data, loop, 5)
     assert all(each.kept for each in kept)
     assert {str(each.solution.status) for each in kept} == {"INFEASIBLE"}
     for each in kept:
         assert_allclose(each.tau, np.clip(good.tau, 5.0, 6.0))
-    loop.motors.limits = limits
+    loop.motors.reach = reach
     loop._mu = None
     again = stepped(model, data, loop, 20)
     assert not again[-1].kept

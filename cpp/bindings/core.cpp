@@ -1,6 +1,7 @@
 // The compiled module graspforce._core: translation between Python and the core, nothing else.
 // It is built once for each instruction set, under the name GRASPFORCE_MODULE.
 #include "batch.hpp"
+#include "control.hpp"
 #include "instruction_sets.hpp"
 #include "kkt.hpp"
 #include "servo.hpp"
@@ -110,6 +111,44 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
         if (numbers == nullptr) return std::nullopt;
         return graspforce::view(self, numbers->data(), numbers->size());
       });
+
+  using Book = graspforce::PythonContactBook;
+  nb::class_<Book>(module, "ContactBook")
+      .def(nb::init<const std::vector<int>&, int, double, double, double>(), "counts"_a, "spare"_a,
+           "ramp"_a, "patience"_a, "reach"_a)
+      .def("update", &Book::update, "points"_a, "normals"_a, "links"_a, "dt"_a, "position"_a,
+           "rotation"_a)
+      .def_prop_ro("links", &Book::links)
+      .def_prop_ro("points", &Book::points)
+      .def_prop_ro("axes", &Book::axes)
+      .def_prop_ro("engagement", &Book::engagement)
+      .def_prop_ro("cone_weights", &Book::cone_weights)
+      .def_prop_ro("present", &Book::present)
+      .def_prop_ro("slots", &Book::slots)
+      .def_prop_ro("without_slot", [](const Book& book) { return book.without_slot(); });
+
+  using Motion = graspforce::RobotMotion;
+  nb::class_<Motion>(module, "RobotMotion")
+      .def(nb::init<nb::object, nb::object, nb::object, nb::object, nb::object, nb::object,
+                    nb::object, nb::object, nb::object, nb::object, nb::object, nb::object>(),
+           "mass_matrix"_a, "places"_a, "ends"_a, "near"_a, "above"_a, "roots"_a, "damping"_a,
+           "qpos"_a, "qvel"_a, "subtree_com"_a, "cvel"_a, "cdof_dot"_a)
+      .def("follow", &Motion::follow, "points"_a, "axes"_a, "dims"_a, "links"_a, "position"_a,
+           "spin"_a, "acceleration"_a)
+      .def("inertia", &Motion::inertia, "dofs"_a, "driven"_a, "time"_a, "motor_damping"_a);
+
+  module.def("joint_screws", &graspforce::joint_screws, "cdof"_a, "dofs"_a, "centres"_a, "roots"_a,
+             "origin"_a, "The joints' screws about a point, (k, 6), of MuJoCo's cdof.");
+  module.def("contact_maps", &graspforce::contact_maps, "points"_a, "axes"_a, "dims"_a, "origin"_a,
+             "screws"_a, "moved"_a, "dofs"_a,
+             "W of contacts, (6, m), and their work along screws as far as these move them, "
+             "(m, k).");
+  module.def("linkage_rows", &graspforce::linkage_rows, "turns"_a, "kinds"_a, "gradients"_a,
+             "What couplings leave no joint motion along, without what is play.");
+  module.def("nearest_motion", &graspforce::nearest_motion, "metric"_a, "J"_a, "wanted"_a,
+             "weights"_a, "give"_a, "wished"_a,
+             "Of all accelerations q with J q = wanted, the one nearest in the metric to the one "
+             "wished.");
 
   using Writable = nb::ndarray<nb::numpy, double, nb::ndim<1>>;
   nb::class_<Servo>(module, "Servo", nb::type_slots(graspforce::servo_slots))

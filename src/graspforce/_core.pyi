@@ -92,6 +92,58 @@ class Outcome:
     @property
     def packed(self) -> Annotated[NDArray[numpy.float64], dict(shape=(None,), writable=False)] | None: ...
 
+class ContactBook:
+    def __init__(self, counts: Sequence[int], spare: int, ramp: float, patience: float, reach: float) -> None: ...
+
+    def update(self, points: object, normals: object, links: Sequence[int], dt: object, position: object, rotation: object) -> bool: ...
+
+    @property
+    def links(self) -> list[int]: ...
+
+    @property
+    def points(self) -> object: ...
+
+    @property
+    def axes(self) -> object: ...
+
+    @property
+    def engagement(self) -> object: ...
+
+    @property
+    def cone_weights(self) -> object: ...
+
+    @property
+    def present(self) -> object: ...
+
+    @property
+    def slots(self) -> object: ...
+
+    @property
+    def without_slot(self) -> int: ...
+
+class RobotMotion:
+    def __init__(self, mass_matrix: object, places: object, ends: object, near: object, above: object, roots: object, damping: object, qpos: object, qvel: object, subtree_com: object, cvel: object, cdof_dot: object) -> None: ...
+
+    def follow(self, points: object, axes: object, dims: object, links: object, position: object, spin: object, acceleration: object) -> object: ...
+
+    def inertia(self, dofs: object, driven: object, time: float, motor_damping: object) -> tuple[object, object]: ...
+
+def joint_screws(cdof: object, dofs: object, centres: object, roots: object, origin: object) -> object:
+    """The joints' screws about a point, (k, 6), of MuJoCo's cdof."""
+
+def contact_maps(points: object, axes: object, dims: object, origin: object, screws: object, moved: object, dofs: object) -> tuple[object, object]:
+    """
+    W of contacts, (6, m), and their work along screws as far as these move them, (m, k).
+    """
+
+def linkage_rows(turns: Sequence[bool], kinds: Sequence[int], gradients: Sequence[object]) -> object:
+    """What couplings leave no joint motion along, without what is play."""
+
+def nearest_motion(metric: object, J: object, wanted: object, weights: object, give: float, wished: object) -> object:
+    """
+    Of all accelerations q with J q = wanted, the one nearest in the metric to the one wished.
+    """
+
 class Servo:
     def __init__(self, layout: object, packed: object, tol: float, max_steps: int, budget_us: float, statuses: Sequence[object], refuse: object, solution: object) -> None: ...
 

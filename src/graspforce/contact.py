@@ -300,21 +300,6 @@ def cross(a: Array, b: Array) -> Array:
     )
 
 
-_CROSS = np.zeros((3, 3, 3))
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _CROSS[_i, _k, _j], _CROSS[_i, _j, _k] = 1.0, -1.0
-
-
-def cross_matrices(arms: Array) -> Array:
-    """Return matrices K with ``K[i] @ v = arms[i] × v``, shape (n, 3, 3); of one arm, n is 1."""
-    return (arms @ _CROSS.reshape(3, 9)).reshape(-1, 3, 3)
-
-
-def cross_rows(a: Array, b: Array) -> Array:
-    """Return a[i] × b[i] for n pairs of vectors, each (n, 3), shape (n, 3)."""
-    return (cross_matrices(a) @ b[..., None])[..., 0]
-
-
 def patch_weights(
     normals: Array, links: Sequence[object], engagement: Array | None = None
 ) -> Array:

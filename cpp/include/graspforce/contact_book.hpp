@@ -19,20 +19,6 @@
 
 namespace graspforce {
 
-// Rows of a matrix, or the axes of a frame.
-using Matrix3 = std::array<Vector3, 3>;
-
-inline double dot(const Vector3& a, const Vector3& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-inline Vector3 plus(const Vector3& a, const Vector3& b) {
-  return {a[0] + b[0], a[1] + b[1], a[2] + b[2]};
-}
-inline Vector3 minus(const Vector3& a, const Vector3& b) {
-  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-inline Vector3 times(double s, const Vector3& a) { return {s * a[0], s * a[1], s * a[2]}; }
-
 // Where the object is and how it is turned: `rotation` row by row, its columns are the object's
 // axes in the world.
 struct ObjectPose {
@@ -89,9 +75,8 @@ class ContactBook {
       throw std::invalid_argument("spare: got " + std::to_string(options.spare) +
                                   ", expected 0 or more");
     slots_.resize(slots_.size() + options.spare);
-    of_touch_.reserve(most_touches());
-    seen_.reserve(most_touches());
     taken_.reserve(slots_.size());
+    make_room(64 + 4 * size());
   }
 
   int size() const { return static_cast<int>(slots_.size()); }
@@ -109,12 +94,36 @@ class ContactBook {
   double engagement(int slot) const { return slots_[slot].engagement; }
   // Whether something touched at the last update.
   bool present(int slot) const { return slots_[slot].missing == 0; }
-  // The slot of the last update's i-th contact; −1 without one.
+  // How many contacts the last update had.
+  int touches() const { return static_cast<int>(seen_.size()); }
+  // The slot of its i-th; −1 without one.
   int slot_of(int touch) const { return of_touch_[touch]; }
   // How many contacts of the last update found no slot free.
   int without_slot() const { return without_slot_; }
   // As many contacts as an update takes.
-  int most_touches() const { return 64 + 4 * size(); }
+  int most_touches() const { return most_touches_; }
+  // Makes it take so many.
+  void make_room(int touches) {
+    most_touches_ = touches;
+    of_touch_.reserve(touches);
+    seen_.reserve(touches);
+  }
+
+  // The weights of the slots' cones: contacts of one patch share 1, as far as they are engaged.
+  // Of one patch are those of a link whose normals agree, wholly up to 10° apart and not at all
+  // from 30° on.
+  void write_cone_weights(const Span<double>& weights) const {
+    const double near = 0.984807753012208, far = 0.8660254037844387;  // cosines of these
+    for (int i = 0; i < size(); ++i) {
+      double count = 0;
+      for (int j = 0; j < size(); ++j)
+        if (link(j) == link(i)) {
+          const double agree = (dot(slots_[i].axes[0], slots_[j].axes[0]) - far) / (near - far);
+          count += std::clamp(agree, 0., 1.) * std::max(engagement(j), kLeast);
+        }
+      weights[i] = std::max(engagement(i), kLeast) / count;
+    }
+  }
 
   // Takes what touches now; contacts of links without slots are passed over, as long as there is no
   // spare one. The first update takes it as a grasp that holds: its slots are engaged at once.
@@ -124,10 +133,9 @@ class ContactBook {
     if (touches.size() > most_touches() || !(dt > 0) || !finite(dt)) return false;
     for (const Vector3* each :
          {&pose.position, &pose.rotation[0], &pose.rotation[1], &pose.rotation[2]})
-      if (!finite(dot(*each, *each))) return false;
+      if (!finite(*each)) return false;
     for (const Touch& each : touches)
-      if (!finite(dot(each.point, each.point)) || !(std::abs(length(each.normal) - 1) <= 1e-6))
-        return false;
+      if (!finite(each.point) || !(std::abs(length(each.normal) - 1) <= 1e-6)) return false;
     pose_ = pose;
     seen_.assign(touches.begin(), touches.end());
     for (Touch& each : seen_) {
@@ -181,7 +189,10 @@ class ContactBook {
     }
   };
 
+  static constexpr double kLeast = 1e-3;  // engagement with which a contact has a weight
+
   static bool finite(double x) { return std::abs(x) < std::numeric_limits<double>::infinity(); }
+  static bool finite(const Vector3& v) { return finite(v[0]) && finite(v[1]) && finite(v[2]); }
 
   // Finds each contact's slot: nearest pairs first, then free slots.
   void match() {
@@ -238,6 +249,7 @@ class ContactBook {
 
   std::vector<Slot> slots_;
   int own_ = 0;  // the spare ones stand behind
+  int most_touches_ = 0;
   Options options_;
   ObjectPose pose_;
   std::vector<Touch> seen_;  // in the object's frame

@@ -747,7 +747,7 @@ class MujocoGrasp : public RobotGrasp {
         data->subtree_com + 3 * model_->body_rootid[model_->dof_bodyid[dof]];
     const Vector3 angular{motion[0], motion[1], motion[2]};
     const Vector3 arm = minus(origin_, {centre[0], centre[1], centre[2]});
-    screws_[i] = {plus({motion[3], motion[4], motion[5]}, cross(angular, arm)), angular};
+    screws_[i] = seen_from(arm, {motion[3], motion[4], motion[5]}, angular);
     const bool by_motor = model_->jnt_actgravcomp[model_->dof_jntid[dof]];
     bias_[i] =
         data->qfrc_bias[dof] - data->qfrc_passive[dof] - (by_motor ? data->qfrc_gravcomp[dof] : 0);

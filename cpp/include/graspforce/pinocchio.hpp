@@ -67,7 +67,7 @@ class PinocchioGrasp : public RobotGrasp {
     for (std::size_t i = 0; i < dofs_.size(); ++i) {
       const auto motion = data.J.col(dofs_[i]);  // linear at the world's origin, angular
       const Vector3 angular{motion[3], motion[4], motion[5]};
-      screws_[i] = {plus({motion[0], motion[1], motion[2]}, cross(angular, origin_)), angular};
+      screws_[i] = seen_from(origin_, {motion[0], motion[1], motion[2]}, angular);
       bias_[i] = data.nle[dofs_[i]];
     }
     return true;

@@ -52,21 +52,13 @@ class RobotGrasp {
       const double* const acting = acting_.data() + std::size_t(slot) * dofs;
       const int dim = static_cast<int>(models_[slot]);
       for (int d = 0; d < dim; ++d) {
-        const Vector3 force = d < 3 ? axes[d] : Vector3{};
-        const Vector3 torque = d < 3 ? cross(arm, force) : axes[0];
-        for (int r = 0; r < 3; ++r) {
-          problem.W(r, first + d) = force[r];
-          problem.W(3 + r, first + d) = torque[r];
-        }
-        double* const work = &full_[std::size_t(first + d) * dofs];
-        for (int dof = 0; dof < dofs; ++dof) {
-          const Screw& screw = screws_[dof];
-          work[dof] = acting[dof] == 0
-                          ? 0
-                          : acting[dof] * (dot(force, screw.linear) + dot(torque, screw.angular));
-        }
+        const Wrench wrench = component(d, arm, axes);
+        write_column(problem.W, first + d, wrench);
+        double* const done = &full_[std::size_t(first + d) * dofs];
+        for (int dof = 0; dof < dofs; ++dof)
+          done[dof] = acting[dof] == 0 ? 0 : acting[dof] * work(wrench, screws_[dof]);
         for (const Transmission::Entry& each : transmission_.driven())
-          problem.J(first + d, each.drive) += work[each.dof] * each.ratio;
+          problem.J(first + d, each.drive) += done[each.dof] * each.ratio;
       }
       first += dim;
     }
@@ -78,15 +70,11 @@ class RobotGrasp {
       problem.mu[slot] = friction_[slot].mu;
       problem.gamma[slot] = friction_[slot].gamma;
     }
-    if (problem.cone_weight.size() > 0) write_cone_weights(problem.cone_weight);
+    if (problem.cone_weight.size() > 0) book_.write_cone_weights(problem.cone_weight);
     if (most_free_ > 0) write_passive_rows(problem);
   }
 
  protected:
-  // The velocity of what a joint carries by its rate: linear at the origin, and angular.
-  struct Screw {
-    Vector3 linear{}, angular{};
-  };
   struct Friction {
     double mu = 1, gamma = 1;
   };
@@ -130,22 +118,6 @@ class RobotGrasp {
   int most_free_ = 0;
 
  private:
-  // Contacts of one patch share 1, as far as they are engaged: those of a link whose normals agree,
-  // wholly up to 10° apart and not at all from 30° on.
-  void write_cone_weights(const Span<double>& weights) const {
-    const double near = 0.984807753012208, far = 0.8660254037844387;  // cosines of these
-    for (int i = 0; i < book_.size(); ++i) {
-      const Vector3 normal = book_.normal(i);
-      double count = 0;
-      for (int j = 0; j < book_.size(); ++j)
-        if (book_.link(j) == book_.link(i)) {
-          const double agree = (dot(normal, book_.normal(j)) - far) / (near - far);
-          count += std::clamp(agree, 0., 1.) * std::max(book_.engagement(j), kLeast);
-        }
-      weights[i] = std::max(book_.engagement(i), kLeast) / count;
-    }
-  }
-
   // Of the motions that no motor moves, those that contacts can load: rows of work that has to be
   // what weight and springs do along them.
   void write_passive_rows(ProblemData& problem) {
@@ -179,8 +151,6 @@ class RobotGrasp {
     for (int dof = 0; dof < transmission_.dofs(); ++dof) sum += free[dof] * joints[dof];
     return sum;
   }
-
-  static constexpr double kLeast = 1e-3;  // engagement with which a contact counts
 
   std::vector<double> full_, worked_, spanned_, loads_;
   Basis basis_;

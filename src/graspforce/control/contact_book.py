@@ -10,10 +10,12 @@ a while, and the engagement of a slot (Section III-C.3 of the paper) rises and f
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspforce._engine import native
 from graspforce._util.arrays import (
     Array,
     as_array,
@@ -22,7 +24,7 @@ from graspforce._util.arrays import (
     require,
     require_instance,
 )
-from graspforce.contact import UNIT_TOLERANCE, Contact, ContactModel, any_tangent, cross_rows
+from graspforce.contact import UNIT_TOLERANCE, Contact, ContactModel
 from graspforce.errors import InvalidInputError
 
 _WORLD = np.eye(3)
@@ -45,17 +47,6 @@ class ContactBook:
         patience: how long a missing contact is believed to be there still [s].
         reach: how far a contact may have moved on the object between updates and be the same [m].
 
-    Attributes:
-        links: of each slot, n of them; None for a spare one that nothing has taken.
-        points: where the contact is or last was, world axes, shape (n, 3) [m].
-        frames: columns normal (into the object), x, y, as :attr:`graspforce.Contact.frame`, world
-            axes, shape (n, 3, 3). A slot's x turns no more than its normal does, so forces of one
-            tick mean the same in the next.
-        engagement: 0 to 1, shape (n,).
-        present: whether something touched at the last update, shape (n,).
-        slots: the slot of each contact of the last update, −1 without one, shape (k,).
-        without_slot: how many contacts of the last update found no slot free.
-
     Raises:
         InvalidInputError: no slots, a number of slots below 1, a time or length that is not
             positive.
@@ -74,33 +65,65 @@ class ContactBook:
         if not slots:
             raise InvalidInputError("slots: got none, expected at least one link")
         counts = [as_integer(count, f"slots[{link!r}]", 1) for link, count in slots.items()]
-        pairs = zip(slots, counts, strict=True)
         self._spare = as_integer(spare, "spare", 0)
-        self._links: list[Hashable | None] = [link for link, count in pairs for _ in range(count)]
-        self._own = len(self._links)
-        self._links += [None] * self._spare
-        self._ramp = as_positive(ramp, "ramp", "s")
-        self._patience = as_positive(patience, "patience", "s")
-        self._reach = as_positive(reach, "reach", "m")
-        n = len(self._links)
-        # In the object's frame. A slot that never had a contact has a frame all the same.
-        self._points, self._frames = np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1))
-        self._missing = np.full(n, np.inf)  # for how long [s]
-        self._started = False
-        self.points, self.frames = self._points.copy(), self._frames.copy()
-        self.engagement = np.zeros(n)
-        self.slots = np.zeros(0, dtype=np.intp)
-        self.without_slot = 0
+        self._core: Any = native.module.ContactBook(
+            counts, self._spare, as_positive(ramp, "ramp", "s"),
+            as_positive(patience, "patience", "s"), as_positive(reach, "reach", "m"),
+        )  # fmt: skip
+        # The core knows links by number.
+        self._numbers = {link: number for number, link in enumerate(slots)}
+        self._named: tuple[Hashable, ...] = tuple(slots)
+        self._of_slots: list[int] = []
+        self._look_at_links()
 
     @property
     def links(self) -> tuple[Hashable | None, ...]:
         """The link of each slot, n of them; None for a spare one that nothing has taken."""
-        return tuple(self._links)
+        return self._links
+
+    @property
+    def points(self) -> Array:
+        """Where the contacts are or last were, world axes, shape (n, 3) [m]."""
+        return self._core.points
+
+    @property
+    def axes(self) -> Array:
+        """The same as rows, shape (n, 3, 3)."""
+        return self._core.axes
+
+    @property
+    def frames(self) -> Array:
+        """Columns normal (into the object), x, y, as :attr:`graspforce.Contact.frame`, (n, 3, 3).
+
+        World axes. A slot's x turns no more than its normal does, so forces of one tick mean the
+        same in the next.
+        """
+        return self._core.axes.transpose(0, 2, 1)
+
+    @property
+    def engagement(self) -> Array:
+        """From 0 to 1, shape (n,)."""
+        return self._core.engagement
+
+    @property
+    def cone_weight(self) -> Array:
+        """The cones' weights: contacts of one patch share 1 as far as they are engaged, (n,)."""
+        return self._core.cone_weights
 
     @property
     def present(self) -> NDArray[np.bool_]:
         """Whether something touched at the last update, shape (n,)."""
-        return self._missing == 0
+        return self._core.present
+
+    @property
+    def slots(self) -> NDArray[np.intp]:
+        """The slot of each contact of the last update, −1 without one, shape (k,)."""
+        return self._core.slots
+
+    @property
+    def without_slot(self) -> int:
+        """How many contacts of the last update found no slot free."""
+        return self._core.without_slot
 
     def contacts(self, model: ContactModel) -> tuple[Contact, ...]:
         """Return the slots as contacts, n of them, in the world's axes."""
@@ -133,81 +156,34 @@ class ContactBook:
             InvalidInputError: a wrong shape, numbers that are not finite, a dt that is not
                 positive; the book is then as it was.
         """
-        k = len(links)
-        seen = as_array(points if k else np.zeros((0, 3)), "points", (k, 3))
-        directions = as_array(normals if k else np.zeros((0, 3)), "normals", (k, 3))
-        lengths = np.linalg.norm(directions, axis=1)
-        require(np.abs(lengths - 1) <= UNIT_TOLERANCE, "normals", lengths, "vectors of length 1")
-        directions = directions / lengths[:, None]
-        step = as_positive(dt, "dt", "s")
-        where = as_array(position, "position", (3,))
-        R = as_array(rotation, "rotation", (3, 3))
-        seen, directions = (seen - where) @ R, directions @ R
+        numbers = [self._number(link) for link in links]
+        # The core takes plain arrays with valid numbers, and leaves everything else to the checks.
+        if not self._core.update(points, normals, numbers, dt, position, rotation):
+            k = len(links)
+            seen = as_array(points if k else np.zeros((0, 3)), "points", (k, 3))
+            directions = as_array(normals if k else np.zeros((0, 3)), "normals", (k, 3))
+            lengths = np.linalg.norm(directions, axis=1)
+            unit: NDArray[np.bool_] = np.abs(lengths - 1) <= UNIT_TOLERANCE
+            require(unit, "normals", lengths, "vectors of length 1")
+            self._core.update(
+                seen, directions / lengths[:, None], numbers, as_positive(dt, "dt", "s"),
+                as_array(position, "position", (3,)), as_array(rotation, "rotation", (3, 3)),
+            )  # fmt: skip
+        self._look_at_links()
 
-        matched = self.slots = self._match(seen, links)
-        found = matched >= 0
-        slots = matched[found]
-        self._missing += step
-        self._missing[slots] = 0.0
-        self._points[slots] = seen[found]
-        self._turn(slots, directions[found])
-        self.points = where + self._points @ R.T
-        self.frames = R @ self._frames
-        change = step / self._ramp
-        rising = self._missing <= self._patience
-        if self._started:
-            changed = self.engagement + np.where(rising, change, -change)
-            self.engagement = changed.clip(0.0, 1.0)
-        else:
-            self.engagement, self._started = rising.astype(float), True
+    def _number(self, link: Hashable) -> int:
+        """Return what the core knows a link by; the same for all that never get a slot."""
+        number = self._numbers.get(link)
+        if number is not None:
+            return number
+        if not self._spare:
+            return -2
+        self._named += (link,)
+        return self._numbers.setdefault(link, len(self._numbers))
 
-    def _match(self, seen: Array, links: Sequence[Hashable]) -> NDArray[np.intp]:
-        """Return each contact's slot, −1 without one: nearest pairs first, then free slots."""
-        matched: NDArray[np.intp] = np.full(len(seen), -1)
-        used = (self.engagement > 0) | (self._missing <= self._patience)
-        numbers = {link: number for number, link in enumerate(self._links)}
-        of_slot = np.array([numbers[link] for link in self._links])
-        of_contact = np.array([numbers.get(link, -1) for link in links], dtype=np.intp)
-        off = seen[:, None] - self._points
-        away = np.sqrt((off * off).sum(axis=2))
-        near = (away <= self._reach) & used & (of_contact[:, None] == of_slot)
-        contacts, slots = np.nonzero(near)
-        taken: set[int] = set()
-        for pair in np.argsort(away[near], kind="stable").tolist():
-            i, slot = int(contacts[pair]), int(slots[pair])
-            if matched[i] < 0 and slot not in taken:
-                matched[i] = slot
-                taken.add(slot)
-        new = (matched < 0).nonzero()[0].tolist()
-        if not new:
-            self.without_slot = 0
-            return matched
-        # The others are new. A slot that still lets go is not taken over: its force would jump.
-        free = np.flatnonzero(~used).tolist()
-        for i in new:
-            usable = (j for j in free if j >= self._own or self._links[j] == links[i])
-            slot = next(usable, None)
-            if slot is not None:
-                free.remove(slot)
-                matched[i], self._links[slot] = slot, links[i]
-        left = [links[i] for i in new if matched[i] < 0]
-        self.without_slot = sum(bool(self._spare) or link in self._links for link in left)
-        return matched
-
-    def _turn(self, slots: NDArray[np.intp], normals: Array) -> None:
-        """Give slots normals; their x turn no more than that, unless the contacts are new."""
-        x = self._frames[slots, :, 1]
-        new = self.engagement[slots] == 0
-        if new.any():
-            x[new] = any_tangent(normals[new])
-        x = _across(x, normals)
-        along = (x * x).sum(axis=1) < 0.01  # where the normal has come to lie along it
-        if along.any():
-            x[along] = _across(any_tangent(normals[along]), normals[along])
-        x /= np.sqrt((x * x).sum(axis=1))[:, None]
-        axes = np.concatenate((normals, x, cross_rows(normals, x)), axis=1)
-        self._frames[slots] = axes.reshape(-1, 3, 3).transpose(0, 2, 1)
-
-
-def _across(vectors: Array, normals: Array) -> Array:
-    return vectors - (vectors * normals).sum(axis=1)[:, None] * normals
+    def _look_at_links(self) -> None:
+        """See which links have the slots."""
+        numbers = self._core.links
+        if numbers != self._of_slots:
+            self._of_slots = numbers
+            self._links = tuple(None if i < 0 else self._named[i] for i in numbers)

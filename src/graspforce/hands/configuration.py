@@ -108,13 +108,15 @@ class Motors(NamedTuple, Generic[D]):
             notes: what a user should know of the posture.
         """
         driven, loaded = transmission.driven, loaded_motions(full, transmission.free)
-        pushing = (full @ transmission.stopped).T
-        touched = pushing.any(axis=1)  # a stop that no contact loads is nobody's concern
         stopped = np.zeros(len(self.joint_names))
         for _, drive, side in transmission.beside:
             stopped[drive] = side
         J, tau_bias = full @ driven, driven.T @ bias
-        A, b = -pushing[touched], (transmission.stopped.T @ bias)[touched]
+        A, b = np.zeros((0, len(full))), np.zeros(0)
+        if transmission.bearing:
+            pushing = (full @ transmission.stopped).T
+            touched = pushing.any(axis=1)  # a stop that no contact loads is nobody's concern
+            A, b = -pushing[touched], (transmission.stopped.T @ bias)[touched]
         if ranges.names:
             counted = ~_shifted(ranges, transmission)
             arms, lo, hi = ranges.arms[counted], ranges.lo[counted], ranges.hi[counted]

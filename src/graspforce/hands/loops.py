@@ -22,6 +22,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from graspforce._engine import native
 from graspforce._util.arrays import Array
 from graspforce.errors import InvalidInputError
 
@@ -35,6 +36,7 @@ PLAY = 3e-3
 WORTH_SAYING = 1e-4
 CLOSED = 1e-2
 HOPELESS = 0.1
+_KINDS = {"ratio": 0, "place": 1, "turn": 2}  # as the core numbers them
 _LARGEST_TURN = 0.2  # of a joint in one step of closing a loop [rad]; of a slide, of the size
 _MOST_OF_MOTORS = 0.05  # how far joints with motors may be off [rad, m]
 
@@ -104,19 +106,11 @@ def rows_of(found: Sequence[Linkage], turns: Mask) -> Array:
         found: the linkages.
         turns: which degrees of freedom are turns, shape (n_dofs,); the others are slides.
     """
-    rows = [np.zeros((0, len(turns)))]
-    for linkage in found:
-        if all(each.kind == "ratio" for each in linkage.couplings):
-            rows += [each.rows for each in linkage.couplings]
-            continue
-        scale = _lengths(linkage, turns)
-        even = _even(linkage, scale)[0]
-        own = even.any(axis=0)  # rounding would tie other joints to the loop
-        _, sizes, right = np.linalg.svd(even[:, own], full_matrices=False)
-        kept = np.zeros((int((sizes > PLAY * sizes[0]).sum()), len(turns)))
-        kept[:, own] = right[: len(kept)] * scale[own]
-        rows.append(kept / np.linalg.norm(kept, axis=1, keepdims=True))
-    return np.concatenate(rows)
+    each = [coupling for linkage in found for coupling in linkage.couplings]
+    return native.module.linkage_rows(
+        turns.tolist(), [_KINDS[one.kind] for one in each],
+        [np.ascontiguousarray(one.rows, dtype=float) for one in each],
+    )  # fmt: skip
 
 
 def largest_gap(found: Sequence[Linkage]) -> Gap:

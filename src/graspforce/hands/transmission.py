@@ -25,7 +25,7 @@ opens limits of drives that carry alone: so stops have no part of v.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,10 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
             shape (p, n_dofs).
         stops: joint motions away from the stops that joints lean on, shape (n_stops, n_dofs).
     """
+    if stops is None or not len(stops):
+        determined = _determined(drives, couplings)
+        if determined is not None:
+            return determined
     allowed = null_space(couplings)
     moved = drives @ allowed
     off = np.zeros((0, allowed.shape[1])) if stops is None else stops @ allowed
@@ -88,6 +92,26 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
         driven, _rounded(allowed @ left), internal, motions[:, count:], bearing,
         tuple(beside),
     )  # fmt: skip
+
+
+def _determined(drives: Array, couplings: Array) -> Transmission | None:
+    """Return the transmission where drives and couplings fix every joint's motion, else None."""
+    n, held = drives.shape[1], len(couplings)
+    if held + len(drives) != n:
+        return None
+    rows = np.concatenate((couplings, drives))
+    sizes = np.sqrt((rows * rows).sum(axis=1))
+    if not sizes.all():
+        return None
+    try:
+        motions = cast("Array", np.linalg.inv(rows / sizes[:, None]))
+    except np.linalg.LinAlgError:
+        return None
+    if np.abs(motions).max(initial=0.0) > 1e3:  # rank is then for the singular values to tell
+        return None
+    driven = _rounded(motions[:, held:] / sizes[held:])
+    none = np.zeros((n, 0))
+    return Transmission(driven, none, np.zeros((0, len(drives))), none, (), ())
 
 
 def connected_dofs(moving: NDArray[np.bool_], rows: Array) -> NDArray[np.intp]:

@@ -21,7 +21,7 @@ from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_array, as_positive
 from graspforce.errors import GraspForceWarning, InvalidInputError
 from graspforce.grasp import Grasp
-from graspforce.hands.mujoco.model import bias_forces
+from graspforce.hands.mujoco.model import bias_forces, compensated_by_motors
 from graspforce.hands.mujoco.motors import MujocoMotors
 from graspforce.sim.hand_loop import HandLoop, limits_of, quiet_reader, softness
 from graspforce.sim.mujoco_import import mj, silenced_warnings
@@ -353,7 +353,7 @@ class _Closing:
         # A finger that presses would buckle but for a spring about how it touched.
         bent = np.nan_to_num(self._motors.lengths(data) - self._touched)
         held -= ~self._carried * (_SPRING * bent + _DAMPING * rates)
-        return drawn + driven.T @ bias_forces(model, data)[dofs] + M @ held
+        return drawn + driven.T @ bias_forces(data, compensated_by_motors(model))[dofs] + M @ held
 
     # ---- what came of it -----------------------------------------------------------------------
 

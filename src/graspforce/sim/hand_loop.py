@@ -25,24 +25,18 @@ the same, the last good torques stay.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Hashable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graspforce._engine import native
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_positive
 from graspforce.answers import firmness
-from graspforce.contact import (
-    ContactModel,
-    cross,
-    cross_matrices,
-    cross_rows,
-    model_of,
-    patch_weights,
-)
+from graspforce.contact import ContactModel, cross, model_of
 from graspforce.control import ContactBook
 from graspforce.errors import GraspForceWarning, InvalidInputError, ModelImportError
 from graspforce.hands.hand import Actuation
@@ -164,7 +158,8 @@ class HandLoop:
         self._model, self._data = model, data
         self.motors = MujocoMotors(model, tau_max=tau_max)
         self.joint_names = self.motors.joint_names
-        self.tau_lo, self.tau_hi = self.motors.limits(data)
+        self._reach = self.motors.reach(data)
+        self.tau_lo, self.tau_hi = self._reach.lo, self._reach.hi
         self.reader = quiet_reader(model, data, body, self.motors)
         self._gains = Gains() if gains is None else gains
         self._dt = 1 / (1 / model.opt.timestep if rate is None else as_positive(rate, "rate", "Hz"))
@@ -180,11 +175,10 @@ class HandLoop:
         self._c_max = CEILING * weight if c_max is None else as_positive(c_max, "c_max", "N")
         self._mu = mu if mu is None else as_positive(mu, "mu", "")
         self._lengths = self.motors.lengths(data)
-        self._look_up_ends()
         kinds = mj.mjtIntegrator
         self._implicit = (int(kinds.mjINT_IMPLICIT), int(kinds.mjINT_IMPLICITFAST))
-        self._above = np.array([moved_by(model, each) for each in range(model.nbody)], dtype=float)
         self._mass_matrix = np.zeros((model.nv, model.nv))
+        self._joints = self._robot_motion(model, data)
         seen = self.seen()
         if not len(seen.points):
             raise InvalidInputError(
@@ -192,6 +186,7 @@ class HandLoop:
             )
         self._looked_at: tuple[Hashable | None, ...] = ()  # links of the slots, and their bodies
         self._bodies: Indices = np.zeros(0, dtype=np.intp)
+        self._columns: slice | Indices = slice(None)  # of the joints that hold
         self._open_book(seen, pose)
         arm = float(np.linalg.norm(seen.points - pose.position, axis=1).max())
         self._soft = softness(weight, arm)
@@ -216,7 +211,8 @@ class HandLoop:
     def read(self) -> None:
         """Read the simulation as it stands."""
         self.reader.update(self._data)
-        lo, hi = self.motors.limits(self._data)
+        self._reach = self.motors.reach(self._data)
+        lo, hi = self._reach.lo, self._reach.hi
         # A servo that is beyond its range has one torque: nearly none to choose from.
         self.tau_lo, self.tau_hi = lo, np.maximum(hi, lo + 1e-6 * np.maximum(np.abs(lo), 1e-3))
 
@@ -226,8 +222,8 @@ class HandLoop:
         return Seen(reader.points, reader.normals, reader.bodies, *reader.friction)
 
     def write(self, tau: Array, *, at_once: bool = False) -> None:
-        """Send torques to the motors."""
-        self.motors.write(self._data, tau, self._dt, at_once=at_once)
+        """Send torques to the motors; their joints are where they were last read."""
+        self.motors.send(self._data, tau, self._dt, self._reach, at_once=at_once)
 
     def decide(self, t: float, pose: Pose, seen: Seen) -> HandCommand:
         """Return the torques of the tick at time t [s] from what is measured.
@@ -243,16 +239,14 @@ class HandLoop:
         )
         self._look_at_links()
         self._count_on(seen)
-        W, hand = self.reader.maps(
-            self.book.points, self.book.frames.transpose(0, 2, 1), self._dims, self._bodies
-        )
+        W, hand = self.reader.maps(self.book.points, self.book.axes, self._dims, self._bodies)
         bias = hand.tau_bias + self._own_torques(acceleration, pose, hand.J)
         solution = self._distribute(f, W, hand, bias)
         kept = solution.status is not Status.SOLVED and not solution.nearest
         if not kept:
             self._c = solution.c
             tau = bias.copy()
-            tau[self.holding] = solution.motor_forces
+            tau[self._columns] = solution.motor_forces
             self._tau = tau
         within = np.clip(self._tau, self.tau_lo, self.tau_hi)
         return HandCommand(within, f, solution, kept, self.book.without_slot)
@@ -316,6 +310,8 @@ class HandLoop:
         self.holding = (driven[moved] != 0).any(axis=0)
         for row in self.reader.internal != 0:
             self.holding |= row & (row & self.holding).any()
+        # Mostly all of them do, and views are then enough.
+        self._columns = slice(None) if self.holding.all() else np.flatnonzero(self.holding)
 
     def _models(self) -> tuple[ContactModel, ...]:
         arrays = (self._dims, self._slot_mu, self._slot_gamma)
@@ -362,29 +358,21 @@ class HandLoop:
 
     def _own_torques(self, acceleration: Array, pose: Pose, J: Array) -> Array:
         """Return the torques that move the joints' own inertia, shape (n_joints,)."""
-        gains, data = self._gains, self._data
-        dofs, driven = self.reader.motion
-        # Of motors that share a motion, those that count for it.
-        carrying: NDArray[np.bool_] = np.any(driven, axis=0)
-        moved = carrying.nonzero()[0]
-        among = moved[:, None], moved
-        M, metric = (each[among] for each in self._inertia_of_motors(dofs, driven))
+        gains, data, book = self._gains, self._data, self.book
         off = self.motors.lengths(data) - self._lengths
         posture = -gains.posture_stiffness * off - gains.posture_damping * self.motors.rates(data)
-        tau, posture = np.zeros(len(driven.T)), posture[carrying]
-        moving = posture
-        engaged = (self.book.engagement > 0).nonzero()[0]
-        if len(engaged):
-            wanted = self._along(acceleration, pose, engaged)
-            J_here = J[np.repeat(self.book.engagement > 0, self._dims)][:, carrying]
-            easily = np.linalg.solve(metric, J_here.T)
-            # A contact that lets go counts less and less.
-            share = np.repeat(self.book.engagement[engaged], self._dims[engaged])
-            compliance = J_here @ easily
-            compliance.flat[:: len(share) + 1] += 1 / (_MAX_INERTIA * share**2)
-            moving = posture + easily @ np.linalg.solve(compliance, wanted - J_here @ posture)
-        tau[carrying] = M @ moving
-        return tau
+        wanted = np.zeros(len(J))
+        if gains.feed_forward:
+            wanted = self._joints.follow(
+                book.points, book.axes, self._dims, self._bodies, pose.position,
+                pose.angular_velocity, acceleration,
+            )  # fmt: skip
+        # A contact that lets go counts less and less.
+        share = np.repeat(book.engagement, self._dims)
+        inertia, metric = self._inertia_of_motors(*self.reader.motion)
+        return inertia @ native.module.nearest_motion(
+            metric, J, wanted, share, 1 / _MAX_INERTIA, posture
+        )
 
     def _inertia_of_motors(self, dofs: Indices, driven: Array) -> tuple[Array, Array]:
         """Return the inertia that the motors move, and the metric, each (n_joints, n_joints).
@@ -398,83 +386,42 @@ class HandLoop:
         """
         model, data = self._model, self._data
         mj.mj_fullM(model, data, self._mass_matrix)
-        M, step = self._mass_matrix[dofs[:, None], dofs], float(model.opt.timestep)
-        heavier, heavy = self._heavier(dofs), M.diagonal().copy()
-        implicit = int(model.opt.integrator) in self._implicit
-        if implicit:
-            M.flat[:: len(dofs) + 1] += step * model.dof_damping[dofs]
-        inertia = driven.T @ M @ driven
-        if implicit:
-            carrying: NDArray[np.bool_] = np.any(driven, axis=0)
-            inertia.flat[:: len(carrying) + 1] += step * self.motors.damping(data) * carrying
-        if not heavier.any():
-            return inertia, inertia
-        return inertia, inertia + (driven.T * (heavy * heavier)) @ driven
+        if int(model.opt.integrator) in self._implicit:
+            step, damping = float(model.opt.timestep), self.motors.damping(data)
+        else:
+            step, damping = 0.0, np.zeros(len(self.joint_names))
+        return self._joints.inertia(dofs, driven, step, damping)
 
-    def _look_up_ends(self) -> None:
-        """See where the range of every degree of freedom ends, and where it is near to that."""
-        model, kinds = self._model, mj.mjtJoint
+    def _robot_motion(self, model: Any, data: Any) -> Any:
+        """Return the core's view of how joints and links move, whose arrays MuJoCo writes."""
+        kinds, joints = mj.mjtJoint, model.dof_jntid
         simple = np.isin(model.jnt_type, (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)))
-        joints = model.dof_jntid
         ranged = (simple & (model.jnt_limited != 0))[joints]
-        self._at = model.jnt_qposadr[joints]
-        self._ends = np.where(ranged[:, None], model.jnt_range[joints], (-np.inf, np.inf))
+        ends = np.where(ranged[:, None], model.jnt_range[joints], (-np.inf, np.inf))
         near: Array = np.ones(int(model.nv))
-        near[ranged] = _NEAR_END * np.ptp(self._ends[ranged], axis=1)
-        self._near = near
-
-    def _heavier(self, dofs: Indices) -> Array:
-        """Return how many times heavier joints count as they near an end, shape (k,), from 0."""
-        at, (low, high) = self._data.qpos[self._at[dofs]], self._ends[dofs].T
-        left = np.minimum(at - low, high - at) / self._near[dofs]
-        return 1 / np.minimum(np.maximum(left, 1e-3), 1.0) ** 2 - 1
-
-    def _along(self, acceleration: Array, pose: Pose, engaged: Indices) -> Array:
-        """Return the joints' part of the accelerations that take contacts along, (m_engaged,)."""
-        axes = self.book.frames[engaged].transpose(0, 2, 1)
-        wanted = np.zeros((len(engaged), 4))
-        if self._gains.feed_forward:
-            points, spin = self.book.points[engaged], cross_matrices(pose.angular_velocity)[0]
-            turning = cross_matrices(acceleration[3:])[0] + spin @ spin
-            of_object = acceleration[:3] + (points - pose.position) @ turning.T
-            linear, angular = self._drift(points, self._bodies[engaged])
-            wanted[:, :3] = (axes @ (of_object - linear)[..., None])[..., 0]
-            wanted[:, 3] = (axes[:, 0] * (acceleration[3:] - angular)).sum(axis=1)
-        return wanted[np.arange(4) < self._dims[engaged, None]]
-
-    def _drift(self, points: Array, bodies: Indices) -> tuple[Array, Array]:
-        """Return the accelerations of bodies at points while no joint accelerates: of J's change.
-
-        Args:
-            points: shape (k, 3) [m].
-            bodies: their numbers, shape (k,).
-
-        Returns:
-            linear [m/s²] and angular [rad/s²], each (k, 3), as of ``mj_jacDot`` times qvel.
-        """
-        data = self._data
-        arms = points - data.subtree_com[self._model.body_rootid[bodies]]
-        moving = self._above[bodies] @ (data.cdof_dot * data.qvel[:, None])
-        speed = data.cvel[bodies]
-        velocity = speed[:, 3:] + cross_rows(speed[:, :3], arms)
-        turned = cross_rows(moving[:, :3], arms) + cross_rows(speed[:, :3], velocity)
-        return moving[:, 3:] + turned, moving[:, :3]
+        near[ranged] = _NEAR_END * np.ptp(ends[ranged], axis=1)
+        above = np.array([moved_by(model, each) for each in range(model.nbody)], dtype=float)
+        return native.module.RobotMotion(
+            self._mass_matrix, model.jnt_qposadr[joints].astype(np.intp), ends, near, above,
+            model.body_rootid.astype(np.intp), model.dof_damping, data.qpos, data.qvel,
+            data.subtree_com, data.cvel, data.cdof_dot,
+        )  # fmt: skip
 
     def _distribute(self, f: Array, W: Array, hand: Actuation, bias: Array) -> Solution:
         """Solve the tick's force problem."""
-        acting = self.holding
-        fields: dict[str, Any] = {
-            "J": hand.J[:, acting], "tau_lo": self.tau_lo[acting], "tau_hi": self.tau_hi[acting],
-            "tau_bias": bias[acting], "engagement": self.book.engagement,
-            "cone_weight": self._cone_weight(), "alpha": self.alpha,
-        }  # fmt: skip
-        soft, motions = self._softness(self._soft), self.reader.motions
+        acting, soft, motions = self._columns, self._softness(self._soft), self.reader.motions
         if motions is not None:
             W, f, soft = motions.T @ W, motions.T @ f, np.abs(motions.T) @ soft
-        passive = np.full(len(hand.passive_loads), _GIVING_WAY * self._soft[-1])
-        fields["W"] = np.concatenate((W, hand.passive_rows))
-        fields["f"] = np.concatenate((f, hand.passive_loads))
-        fields["f_soft"] = np.concatenate((soft, passive))
+        if len(hand.passive_loads):
+            W, f = np.concatenate((W, hand.passive_rows)), np.concatenate((f, hand.passive_loads))
+            passive = np.full(len(hand.passive_loads), _GIVING_WAY * self._soft[-1])
+            soft = np.concatenate((soft, passive))
+        fields: dict[str, Any] = {
+            "W": W, "f": f, "f_soft": soft, "J": hand.J[:, acting], "tau_bias": bias[acting],
+            "tau_lo": self.tau_lo[acting], "tau_hi": self.tau_hi[acting],
+            "engagement": self.book.engagement, "cone_weight": self.book.cone_weight,
+            "alpha": self.alpha,
+        }  # fmt: skip
         internal = hand.internal[:, acting]
         if len(internal):
             internal = internal[internal.any(axis=1)]
@@ -484,12 +431,11 @@ class HandLoop:
             fields["A"], fields["b"] = hand.A, hand.b
         if self._c is not None:
             fields["c_last"] = self._c
-        shape = (len(fields["f"]), acting.sum(), len(internal), len(hand.b), self._c is None)
+        shape = len(f), len(fields["tau_lo"]), len(internal), len(hand.b), self._c is None
         servo = self._servo
         if servo is None or shape != self._shape:
-            servo = self._make_servo(fields)
             self._shape = shape
-            return servo.step()
+            return self._make_servo(fields).step()
         for name, value in fields.items():
             getattr(servo, name)[...] = value
         servo.mu[:], servo.gamma[:] = self._slot_mu, self._slot_gamma
@@ -498,7 +444,7 @@ class HandLoop:
 
     def _softness(self, soft: Array) -> Array:
         """Return ``f_soft`` by which W c = f is missed as little whatever alpha is."""
-        return soft / np.sqrt(max(self.alpha or 1.0, 1.0))
+        return soft / math.sqrt(max(self.alpha or 1.0, 1.0))
 
     def _make_servo(self, fields: dict[str, Any]) -> Servo:
         """Return a Servo of the layout that the fields have; settle alpha where it is open."""
@@ -526,11 +472,6 @@ class HandLoop:
         soft = np.append(np.zeros(rows), problem.f_soft[rows:])
         grip = firmness.choose(problem.replace(f_soft=soft), times_least=TIMES_LEAST)
         return grip.alpha if grip.solution.status is Status.SOLVED else 5.0
-
-    def _cone_weight(self) -> Array:
-        """Return the cones' weights: contacts of one patch share 1, as far as they are engaged."""
-        engagement = np.maximum(self.book.engagement, 1e-3)
-        return patch_weights(self.book.frames[:, :, 0], self.book.links, engagement)
 
 
 def softness(weight: float, arm: float) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
-from graspforce.contact import Contact, ContactModel, cross_matrices, model_of
+from graspforce.contact import Contact, ContactModel, model_of
 from graspforce.hands.mujoco.model import (
     adhesion_force,
     adhesions,
@@ -90,6 +90,7 @@ class ContactReader:
         self._body_of_geom: Indices = np.append(model.geom_bodyid, 0)
         self._floating = loose_bodies(model, np.zeros((0, model.nv)))
         self._adhesions = adhesions(model)
+        self._key: tuple[bytes, ...] | None = None
 
     def read(self, data: Any, moments: Array) -> Contacts:
         """Return the contacts that the data list.
@@ -99,6 +100,24 @@ class ContactReader:
             moments: the drives' motions by joint motion, shape (n_drives, nv).
         """
         seen = data.contact
+        # Which they are and how they rub stays for many ticks.
+        key = tuple(each.tobytes() for each in (seen.geom, seen.exclude, seen.dim, seen.friction))
+        if key != self._key:
+            self._last = self._look_at(seen, moments)
+            # A body that floats may be a robot's in the next tick, as motors come to move it.
+            floating = self._floating[self._last.bodies[:, 0]].any() or len(self._last.left_out)
+            self._key = None if floating else key
+        last = self._last
+        # MuJoCo's normal points from the first geom to the second; x stays, and y follows.
+        axes = seen.frame[last.places].reshape(-1, 3, 3)
+        axes[:, ::2] *= last.side[:, None, None]
+        pull = last.pull
+        if self._adhesions:
+            pull = self._pulls(data)[last.places]
+        return last._replace(points=seen.pos[last.places], axes=axes, pull=pull)
+
+    def _look_at(self, seen: Any, moments: Array) -> Contacts:
+        """Return which contacts are listed, without what moves: places, axes, pull."""
         geoms: Indices = seen.geom
         of_object = self._of_object[geoms]
         # Of the object and something else, and not left out by MuJoCo.
@@ -114,14 +133,11 @@ class ContactReader:
             missing = np.where(geoms[:, 0] < 0, -1, bodies[:, 0])[left_out]
             kept = ~left_out
             places, second, geoms, bodies = places[kept], second[kept], geoms[kept], bodies[kept]
-        pull = self._pulls(data)[places] if self._adhesions else np.zeros(len(places))
-        side = np.where(second, 1.0, -1.0)
-        # MuJoCo's normal points from the first geom to the second; x stays, and y follows.
-        axes = seen.frame[places].reshape(-1, 3, 3)
-        axes[:, ::2] *= side[:, None, None]
+        n = len(places)
         return Contacts(
-            places, geoms, bodies, side, seen.pos[places], axes,
-            *_friction(seen.dim[places], seen.friction[places]), pull, missing,
+            places, geoms, bodies, np.where(second, 1.0, -1.0), np.zeros((n, 3)),
+            np.zeros((n, 3, 3)), *_friction(seen.dim[places], seen.friction[places]), np.zeros(n),
+            missing,
         )  # fmt: skip
 
     def _pulls(self, data: Any) -> Array:
@@ -139,22 +155,6 @@ class ContactReader:
                 force = adhesion_force(self._model, data, motor)
                 pulls[sharing] += force / int(sharing.sum())
         return pulls
-
-
-def contact_wrenches(points: Array, axes: Array, dims: Indices, origin: Array) -> Array:
-    """Return the wrench of each component of c about ``origin``, shape (m, 6).
-
-    Args:
-        points: shape (n, 3) [m].
-        axes: rows normal, x, y, shape (n, 3, 3).
-        dims: components of each contact, shape (n,).
-        origin: shape (3,) [m].
-    """
-    wrenches = np.zeros((len(axes), 4, 6))
-    wrenches[:, :3, :3] = axes
-    wrenches[:, :3, 3:] = axes @ -cross_matrices(points - origin)
-    wrenches[:, 3, 3:] = axes[:, 0]
-    return wrenches[_components(dims)]
 
 
 def _components(dims: Indices) -> NDArray[np.bool_]:

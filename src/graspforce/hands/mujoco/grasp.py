@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspforce._engine import native
 from graspforce._util.arrays import Array, as_tuple
 from graspforce.contact import Contact, ContactModel, as_contacts, patch_weights
 from graspforce.errors import InvalidInputError, warn
@@ -32,17 +33,18 @@ from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips
 from graspforce.hands.limits import JointRanges, as_tau_max, has_motor
 from graspforce.hands.loops import HOPELESS, gap_notes, largest_gap, linkages, rows_of
-from graspforce.hands.mujoco.contacts import ContactReader, Indices, contact_wrenches
+from graspforce.hands.mujoco.contacts import ContactReader, Indices
 from graspforce.hands.mujoco.model import (
     CouplingReader,
     Drive,
+    DriveReader,
     StopReader,
     as_body,
     bias_forces,
     body_of,
+    compensated_by_motors,
     dof_names,
     dofs_above,
-    drive_rows,
     drives,
     every_dof,
     joint_ranges,
@@ -61,6 +63,17 @@ from graspforce.hands.transmission import (
     connected_dofs,
     transmission,
 )
+
+
+class _Moved(NamedTuple):
+    """How joints move what makes the contacts, relative to the object."""
+
+    bodies: Indices
+    """shape (n, 2)."""
+    acting: Array
+    """1, 0 or −1, shape (n, nv)."""
+    dofs: NDArray[np.bool_]
+    """Which move any, shape (nv,)."""
 
 
 class _Joints(NamedTuple):
@@ -192,9 +205,10 @@ class MujocoGrasp:
         self._motors, self._locked = motors, as_tuple(locked, "locked", str)
         self._held = locking_rows(self._locked, dof_names(model, every_dof(model)))
         self._stops, self._turns = StopReader(model), turning(model)
-        self._couplings = CouplingReader(model)
+        self._couplings, self._moments = CouplingReader(model), DriveReader(model, self._drives)
         self._chosen = None if joints is None else _indices(joints, self._drives)
         self._given = as_tau_max(tau_max, [each.limit.name for each in self._drives])
+        self._by_motor = compensated_by_motors(model)
         above = dofs_above(model)
         # How a body at a contact moves relative to the object, per joint rate: as it does, or if
         # it belongs to the object, as the object does relative to it.
@@ -203,6 +217,7 @@ class MujocoGrasp:
         self._above = above
         self._reader = ContactReader(model, inside)
         self._hand: _Hand | None = None
+        self._moved: _Moved | None = None
         self.update(data)
         warn(*self._warnings())
 
@@ -219,7 +234,7 @@ class MujocoGrasp:
         """
         model = self._model
         _require_data(data, model)
-        moments = drive_rows(model, data, self._drives)
+        moments = self._moments.read(data)
         tied = linkages(self._couplings.read(data), self._turns)
         computed = data.xquat[self._object.top].any() and (moments.any() or not self._drives)
         if not computed:
@@ -234,13 +249,13 @@ class MujocoGrasp:
                 "or let hands.from_mjcf close it"
             )
         contacts = self._reader.read(data, moments)
-        acting = self._acting[contacts.bodies].sum(axis=1)
+        moved = self._moved_at(contacts.bodies)
         coupled = np.vstack((rows_of(tied, self._turns), self._held)) if tied else self._held
         stops = self._stops.read(data)
-        hand = self._hand_of((acting != 0).any(axis=0), moments, coupled, stops)
-        self._contacts, self._hand, self._moved = contacts, hand, acting
+        hand = self._hand_of(moved.dofs, moments, coupled, stops)
+        self._contacts, self._hand, self._moved = contacts, hand, moved
         self._screws = self._object.screws(data, hand.dofs)
-        self._bias = bias_forces(model, data)[hand.dofs]
+        self._bias = bias_forces(data, self._by_motor)[hand.dofs]
         self._gap, self._tied = gap, tied
         self._maps: tuple[Array, Actuation] | None = None
         self.origin = self._object.centre(data)
@@ -394,7 +409,7 @@ class MujocoGrasp:
     @property
     def normals(self) -> Array:
         """The contacts' unit normals into the object, shape (n, 3)."""
-        return self._contacts.axes[:, 0]
+        return self._contacts.axes[:, 0].copy()
 
     @property
     def cone_weight(self) -> Array:
@@ -533,19 +548,19 @@ class MujocoGrasp:
     def _made(self) -> tuple[Array, Actuation]:
         """W and what the joints bring in, made when first asked for: a loop asks for its slots'."""
         if self._maps is None:
-            seen = self._contacts
-            self._maps = self._maps_of(seen.points, seen.axes, seen.dims, self._moved)
+            seen, moved = self._contacts, self._moved_at(self._contacts.bodies)
+            self._maps = self._maps_of(seen.points, seen.axes, seen.dims, moved.acting)
         return self._maps
 
     def _maps_of(
         self, points: Array, axes: Array, dims: Indices, moved: Array
     ) -> tuple[Array, Actuation]:
         """Return what :meth:`maps` does, of contacts that the joints move as ``moved``, (n, nv)."""
-        hand, wrenches = self._found, contact_wrenches(points, axes, dims, self.origin)
-        full = wrenches @ self._screws.T
-        full *= np.repeat(moved[:, hand.dofs], dims, axis=0)
-        actuation = hand.motors.actuation(hand.transmission, hand.ranges, full, self._bias)
-        return np.ascontiguousarray(wrenches.T), actuation
+        hand = self._found
+        W, full = native.module.contact_maps(
+            points, axes, dims, self.origin, self._screws, moved, hand.dofs
+        )
+        return W, hand.motors.actuation(hand.transmission, hand.ranges, full, self._bias)
 
     def _touching(self) -> NDArray[np.bool_]:
         """Return which bodies, with all that is fixed to them, are at a contact, shape (nbody,)."""
@@ -566,6 +581,13 @@ class MujocoGrasp:
             ),
             *warnings_of(hand.motors, hand.transmission, dof_names(self._model, hand.dofs)),
         )
+
+    def _moved_at(self, bodies: Indices) -> _Moved:
+        """Return how joints move the contacts of ``bodies``; the last ones' if these are they."""
+        if self._moved is not None and self._moved.bodies is bodies:
+            return self._moved
+        acting = self._acting[bodies].sum(axis=1)
+        return _Moved(bodies, acting, np.any(acting != 0, axis=0))
 
     def _hand_of(
         self, moving: NDArray[np.bool_], moments: Array, couplings: Array, stops: Stops

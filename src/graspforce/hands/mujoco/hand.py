@@ -29,13 +29,13 @@ from graspforce.hands.loops import Coupling, closed
 from graspforce.hands.mujoco.model import (
     CouplingReader,
     Drive,
+    DriveReader,
     MujocoConfiguration,
     StopReader,
     body_of,
     coupling_rows,
     dof_names,
     dofs_above,
-    drive_rows,
     drives,
     every_dof,
     is_plain_motor,
@@ -93,7 +93,7 @@ def from_mjcf(
     candidates += joints_as_drives(model, candidates, tau_max, motors)
     held = locking_rows(locked, dof_names(model, every_dof(model)))
     data = _evaluated(model, model.qpos0)
-    above, moments = dofs_above(model), drive_rows(model, data, candidates)
+    above, moments = dofs_above(model), DriveReader(model, candidates).read(data)
     tied = coupling_rows(model, data)
     dofs = connected_dofs(np.any(above[list(bodies)], axis=0), np.vstack((moments, tied)))
     acting = taking_part(moments * ~held.any(axis=0), dofs)
@@ -133,7 +133,7 @@ def default_fingertips(source: str | Path | Any, tau_max: Any = None) -> tuple[s
     candidates, _ = drives(model)
     candidates += joints_as_drives(model, candidates, tau_max)
     data = _evaluated(model, model.qpos0)
-    moments = drive_rows(model, data, candidates)
+    moments = DriveReader(model, candidates).read(data)
     rows = np.vstack((moments, coupling_rows(model, data)))
     driven = np.zeros(model.nv, dtype=bool)
     driven[connected_dofs(np.any(moments != 0, axis=0), rows)] = True
@@ -253,7 +253,7 @@ class MujocoRobot:
             found = couplings.read(_evaluated(model, at(positions)))
             return [each._replace(rows=each.rows[:, dofs]) for each in found]
 
-        drives = drive_rows(model, _evaluated(model, qpos), self.drives)[:, dofs]
+        drives = DriveReader(model, self.drives).read(_evaluated(model, qpos))[:, dofs]
         alone = np.count_nonzero(drives, axis=1) == 1
         positions, notes = closed(
             qpos[address], model.qpos0[address], read, turning(model)[dofs],

@@ -8,7 +8,7 @@ robot is taken as held: its six free degrees of freedom are in nobody's Jacobian
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,9 @@ def mujoco_module(purpose: str = "reading MuJoCo models", extra: str = "mujoco")
         ) from error
     module: Any = mujoco
     return module
+
+
+_Kind: TypeAlias = Literal["place", "turn", "ratio"]
 
 
 class Drive(NamedTuple):
@@ -258,16 +261,26 @@ def _moment_arm(mj: Any, model: Any, tendon: int) -> float:
     return max(arms, default=0.0)
 
 
-def drive_rows(model: Any, data: Any, each: Sequence[Drive]) -> Array:
-    """Return the drives' motions by joint motion, shape (n_drives, nv), at data's configuration."""
-    rows = np.eye(model.nout + model.nv, model.nv, -model.nout)  # the joints' below the motors'
-    if model.nout:
-        mujoco_module().mju_sparse2dense(
-            rows[: model.nout], data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
-            data.moment_colind,
-        )  # fmt: skip
-    gears = np.array([drive.gear for drive in each])
-    return rows[[drive.output for drive in each]] / gears.reshape(-1, 1)
+class DriveReader:
+    """Reads how a model's joints move its drives."""
+
+    def __init__(self, model: Any, each: Sequence[Drive]) -> None:
+        """Look up which rows of MuJoCo's are the drives'."""
+        self._nout = int(model.nout)
+        # The joints' rows stand below the motors'.
+        self._rows = np.eye(self._nout + model.nv, model.nv, -self._nout)
+        self._which = np.array([drive.output for drive in each], dtype=np.intp)
+        self._gears = np.array([drive.gear for drive in each]).reshape(-1, 1)
+        self._dense = mujoco_module().mju_sparse2dense
+
+    def read(self, data: Any) -> Array:
+        """Return the drives' motions by joint motion, shape (n_drives, nv), as data stand."""
+        if self._nout:
+            self._dense(
+                self._rows[: self._nout], data.actuator_moment, data.moment_rownnz,
+                data.moment_rowadr, data.moment_colind,
+            )  # fmt: skip
+        return self._rows[self._which] / self._gears
 
 
 def joint_ranges(
@@ -309,6 +322,8 @@ class CouplingReader:
         # Joints that move both links of a loop alike have no part in it.
         self._part = np.ones((model.neq, model.nv))
         self._tied: list[tuple[str, ...]] = [()] * model.neq
+        self._key = b""
+        self._parts: list[tuple[_Kind, int, int, tuple[str, ...]]] = []
         for each in np.flatnonzero(np.isin(model.eq_type, loops)).tolist():
             pair = _tied_bodies(model, each)
             self._part[each, moved_by(model, pair[0]) & moved_by(model, pair[1])] = 0.0
@@ -330,24 +345,28 @@ class CouplingReader:
         else:
             rows[:] = data.efc_J.reshape(-1, self._model.nv)[:count]
         rows *= self._part[which]
+        key = which.tobytes()
+        if key != self._key:  # of equalities that are switched on or off
+            self._key, self._parts = key, self._parts_of(which.tolist())
         of_free: NDArray[np.bool_] = np.any(rows[:, self._free], axis=1)
-        holding: list[bool] = of_free.tolist()
-        gaps, numbers = np.array(data.efc_pos[:count]), list[int](which.tolist())
-        found: list[Coupling] = []
+        holding, gaps = of_free.any(), np.array(data.efc_pos[:count])
+        return [
+            Coupling(kind, rows[i:j], gaps[i:j], tied)
+            for kind, i, j, tied in self._parts
+            if not (holding and of_free[i:j].any())
+        ]
+
+    def _parts_of(self, numbers: list[int]) -> list[tuple[_Kind, int, int, tuple[str, ...]]]:
+        """Return what each of the equalities' rows hold: the kind, first and last, the links."""
+        parts: list[tuple[_Kind, int, int, tuple[str, ...]]] = []
         for each in dict.fromkeys(numbers):
             first, tied = numbers.index(each), self._tied[each]
             last = first + numbers.count(each)
-            parts: list[tuple[Literal["place", "turn", "ratio"], int, int]] = (
-                [("place", first, first + 3), ("turn", first + 3, last)]
-                if tied
-                else [("ratio", first, last)]
-            )
-            found += [
-                Coupling(kind, rows[i:j], gaps[i:j], tied)
-                for kind, i, j in parts
-                if j > i and not any(holding[i:j])
-            ]
-        return found
+            middle = first + 3 if tied else last
+            parts.append(("place" if tied else "ratio", first, middle, tied))
+            if middle < last:
+                parts.append(("turn", middle, last, tied))
+        return parts
 
 
 def coupling_rows(model: Any, data: Any) -> Array:
@@ -426,13 +445,20 @@ class StopReader:
         return name_of(self._model, kinds.mjOBJ_TENDON, int(self._tendons[place - joints]))
 
 
-def bias_forces(model: Any, data: Any) -> Array:
+def compensated_by_motors(model: Any) -> NDArray[np.bool_] | None:
+    """Return at which joints motors do gravity compensation, shape (nv,); None for none."""
+    by_motor: NDArray[np.bool_] = model.jnt_actgravcomp[model.dof_jntid] != 0
+    return by_motor if by_motor.any() else None
+
+
+def bias_forces(data: Any, by_motor: NDArray[np.bool_] | None) -> Array:
     """Return the generalised forces at which nothing accelerates without contacts, shape (nv,).
 
-    Of gravity compensation the passive forces have only what no motor gives.
+    Of gravity compensation the passive forces have only what no motor gives: ``by_motor``, of
+    :func:`compensated_by_motors`, says where.
     """
-    by_motor = data.qfrc_gravcomp * model.jnt_actgravcomp[model.dof_jntid]
-    return np.array(data.qfrc_bias - data.qfrc_passive - by_motor)
+    bias = data.qfrc_bias - data.qfrc_passive
+    return bias if by_motor is None else bias - data.qfrc_gravcomp * by_motor
 
 
 def free_joint_dofs(model: Any) -> NDArray[np.bool_]:
@@ -514,7 +540,7 @@ class MujocoConfiguration:
         self._model, self._data, self._dofs = model, data, dofs
         coupled = np.vstack((coupling_rows(model, data), held))
         leaned = stops.on(dofs, held)
-        rows = drive_rows(model, data, drives)
+        rows = DriveReader(model, drives).read(data)
         self.transmission: Transmission = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
         self.ranges = joint_ranges(model, drives, rows, dofs[~held[:, dofs].any(axis=0)])
         self.notes = (*notes, *stop_notes(leaned, self.transmission))
@@ -560,7 +586,7 @@ class MujocoConfiguration:
 
     def bias(self) -> Array:
         """Return what all joints must give at rest against gravity and springs, shape (n_dofs,)."""
-        return bias_forces(self._model, self._data)[self._dofs]
+        return bias_forces(self._data, compensated_by_motors(self._model))[self._dofs]
 
 
 def every_dof(model: Any) -> NDArray[np.intp]:

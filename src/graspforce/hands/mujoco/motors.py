@@ -10,7 +10,7 @@ it makes the torque, and as much as its ``ctrlrange`` reaches is its limit.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,24 @@ from graspforce.hands.mujoco.model import drives, mujoco_module, name_of
 _GAINS = ("FIXED", "AFFINE", "MUSCLE")
 _BIASES = ("NONE", "AFFINE", "MUSCLE")
 _DYNAMICS = ("NONE", "INTEGRATOR", "FILTER", "FILTEREXACT", "MUSCLE")
+
+
+class Reach(NamedTuple):
+    """What the motors can do as the joints are."""
+
+    lo: Array
+    """The torques that they reach, shape (n,) [N·m; N]."""
+    hi: Array
+    gain: Array
+    """What x is multiplied by for a motor's force."""
+    bias: Array
+    """What the motor makes besides."""
+    low: Array
+    """The least and the largest torque of every motor at its joint."""
+    high: Array
+    least: Array
+    """Their sums over the motors of each joint, shape (n,), whatever limits that has itself."""
+    most: Array
 
 
 class MujocoMotors:
@@ -87,10 +105,11 @@ class MujocoMotors:
                 self._hi[drive_of[-1]] = min(most[drive_of[-1]], high)
         self._motors = np.array(motors, dtype=np.intp)
         self._drive_of = np.array(drive_of, dtype=np.intp)
-        self._first = np.array([drive_of.index(i) for i in range(len(names))], dtype=np.intp)
+        first = np.array([drive_of.index(i) for i in range(len(names))], dtype=np.intp)
         self._output = model.actuator_outadr[self._motors]
         self._input = model.actuator_ctrladr[self._motors]
         self._gear: Array = model.actuator_gear[self._output, 0]
+        self._own_output, self._own_gear = self._output[first], self._gear[first]
         gains, biases = mj.mjtGain, mj.mjtBias
         gain_type = model.actuator_gaintype[self._motors]
         bias_type = model.actuator_biastype[self._motors]
@@ -122,6 +141,10 @@ class MujocoMotors:
         self._reach[self._muscles] = 0.0, 1.0
         self._force = _range(model.actuator_forcelimited, model.actuator_forcerange, self._motors)
         self._beside = np.bincount(self._drive_of)[self._drive_of]
+        # Where no gain depends on where the joints are, it is computed once.
+        varies = bool(self._gain[:, 1:].any()) or len(self._muscles) > 0
+        self._fixed_span = None if varies else self._span(self._gain[:, 0])
+        self._own_damping = self._of_drives(self._gear**2 * np.maximum(-self._bias[:, 2], 0.0))
 
     def limits(self, data: Any) -> tuple[Array, Array]:
         """Return the torques that the motors reach as the joints are, each shape (n,).
@@ -132,19 +155,35 @@ class MujocoMotors:
         Args:
             data: the simulation's data, after ``mj_step1`` or ``mj_forward``.
         """
-        low, high = map(self._of_drives, self._ends(*self._affine(data)))
-        return np.maximum(low, self._lo), np.minimum(high, self._hi)
+        reach = self.reach(data)
+        return reach.lo, reach.hi
+
+    def reach(self, data: Any) -> Reach:
+        """Return :meth:`limits` and what :meth:`write` needs besides, computed once.
+
+        Args:
+            data: the simulation's data, after ``mj_step1`` or ``mj_forward``.
+        """
+        gain, bias = self._affine(data)
+        span = self._span(gain) if self._fixed_span is None else self._fixed_span
+        ends = self._gear * (span + bias).clip(self._force[:, 0], self._force[:, 1])
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        least, most = self._of_drives(low), self._of_drives(high)
+        lo, hi = np.maximum(least, self._lo), np.minimum(most, self._hi)
+        return Reach(lo, hi, gain, bias, low, high, least, most)
 
     def lengths(self, data: Any) -> Array:
         """Return where the joints and tendons are, shape (n,) [rad; m]."""
-        return data.actuator_length[self._output[self._first]] / self._gear[self._first]
+        return data.actuator_length[self._own_output] / self._own_gear
 
     def rates(self, data: Any) -> Array:
         """Return how fast they move, shape (n,) [rad/s; m/s]."""
-        return data.actuator_velocity[self._output[self._first]] / self._gear[self._first]
+        return data.actuator_velocity[self._own_output] / self._own_gear
 
     def damping(self, data: Any) -> Array:
         """Return by how much the motors' torques fall with the joints' rates, shape (n,)."""
+        if self._fixed_span is not None:
+            return self._own_damping.copy()
         by_rate = -(self._gain[:, 2] * data.ctrl[self._input] + self._bias[:, 2])
         return self._of_drives(self._gear**2 * np.maximum(by_rate, 0.0))
 
@@ -166,26 +205,44 @@ class MujocoMotors:
             InvalidInputError: a wrong shape, numbers that are not finite, a dt not above 0.
         """
         wanted = as_array(tau, "tau", (len(self.joint_names),))
-        time = as_positive(dt, "dt", "s")
-        gain, bias = self._affine(data)
-        low, high = self._ends(gain, bias)
-        wanted = wanted.clip(self._lo, self._hi)
-        least, most = self._of_drives(low), self._of_drives(high)
-        # Each motor's share; without limits, as much as any other.
-        with np.errstate(invalid="ignore", divide="ignore"):
-            share = ((wanted - least) / (most - least)).clip(0.0, 1.0)[self._drive_of]
-            at_joint = low + share * (high - low)
-        at_joint = np.where(np.isfinite(at_joint), at_joint, wanted[self._drive_of] / self._beside)
-        x = (at_joint / self._gear - bias) / np.where(gain == 0, np.inf, gain)
-        x = x.clip(self._reach[:, 0], self._reach[:, 1])
-        if len(self._lags):
-            x = self._led(data, x, time, at_once)
-        x = x.clip(self._control[:, 0], self._control[:, 1])
-        data.ctrl[self._input] = x
+        time, reach = as_positive(dt, "dt", "s"), self.reach(data)
+        x = self.send(data, wanted, time, reach, at_once=at_once)
         if len(self._lags):
             x = self._reached(data, x, time)
-        made = (gain * x + bias).clip(self._force[:, 0], self._force[:, 1])
+        made = (reach.gain * x + reach.bias).clip(self._force[:, 0], self._force[:, 1])
         return self._of_drives(self._gear * made).clip(self._lo, self._hi)
+
+    def send(
+        self, data: Any, tau: Array, dt: float, reach: Reach, *, at_once: bool = False
+    ) -> Array:
+        """Set the controls as :meth:`write` does, of what is known; nothing is checked.
+
+        Args:
+            data: the simulation's data.
+            tau: wanted torques.
+            dt: how long these controls stay.
+            reach: what the motors can do in these data.
+            at_once: as for a simulation that begins.
+
+        Returns:
+            The controls, in the order of the motors.
+        """
+        wanted = tau.clip(self._lo, self._hi)
+        # Each motor's share; without limits, as much as any other.
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = (wanted - reach.least) / (reach.most - reach.least)
+            share = share.clip(0.0, 1.0)[self._drive_of]
+            at_joint = reach.low + share * (reach.high - reach.low)
+        finite = np.isfinite(at_joint)
+        if not finite.all():
+            at_joint = np.where(finite, at_joint, wanted[self._drive_of] / self._beside)
+        x = (at_joint / self._gear - reach.bias) / np.where(reach.gain == 0, np.inf, reach.gain)
+        x = x.clip(self._reach[:, 0], self._reach[:, 1])
+        if len(self._lags):
+            x = self._led(data, x, dt, at_once)
+        x = x.clip(self._control[:, 0], self._control[:, 1])
+        data.ctrl[self._input] = x
+        return x
 
     def _of_drives(self, of_motors: Array) -> Array:
         """Return the sums over each drive's motors, shape (n,)."""
@@ -196,7 +253,9 @@ class MujocoMotors:
         """Return gain and bias of every motor as its joint is."""
         length = data.actuator_length[self._output]
         velocity = data.actuator_velocity[self._output]
-        gain, bias = (a + b * length + c * velocity for a, b, c in (self._gain.T, self._bias.T))
+        gain, bias = self._gain[:, 0], self._at(self._bias, length, velocity)
+        if self._fixed_span is None:
+            gain = self._at(self._gain, length, velocity)
         model, mj = self._model, self._mj
         for i in self._muscles.tolist():
             motor = int(self._motors[i])
@@ -208,12 +267,15 @@ class MujocoMotors:
             )
         return gain, bias
 
-    def _ends(self, gain: Array, bias: Array) -> tuple[Array, Array]:
-        """Return the least and the largest torque of every motor at its joint."""
-        with np.errstate(invalid="ignore"):
-            ends = np.where(gain == 0, 0.0, gain * self._reach.T) + bias
-        low, high = self._gear * ends.clip(self._force[:, 0], self._force[:, 1])
-        return np.minimum(low, high), np.maximum(low, high)
+    @staticmethod
+    def _at(of: Array, length: Array, velocity: Array) -> Array:
+        return of[:, 0] + of[:, 1] * length + of[:, 2] * velocity
+
+    def _span(self, gain: Array) -> Array:
+        """Return the forces by the least and the largest x alone, shape (2, n_motors)."""
+        with np.errstate(invalid="ignore"):  # of a motor without gain, whose x is not limited
+            span: Array = np.where(gain == 0, 0.0, gain * self._reach.T)
+        return span
 
     def _led(self, data: Any, x: Array, dt: float, at_once: bool) -> Array:
         """Return controls that bring the states of motors with a lag to x, as far as dt allows."""

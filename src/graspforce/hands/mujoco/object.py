@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from graspforce._engine import native
 from graspforce._util.arrays import Array
-from graspforce.contact import cross_rows
 from graspforce.errors import InvalidInputError
 from graspforce.hands.mujoco.contacts import Indices
 from graspforce.hands.mujoco.model import (
@@ -53,7 +53,7 @@ class HeldObject:
         self._floats = bool(moving[free].any())
         self._own_dofs = self.inside[model.dof_bodyid] & ~moving
         self._model, self._number = model, number
-        self._root_of_dof = model.body_rootid[model.dof_bodyid]
+        self._root_of_dof: Indices = model.body_rootid[model.dof_bodyid].astype(np.intp)
 
     @property
     def name(self) -> str:
@@ -66,11 +66,9 @@ class HeldObject:
 
     def screws(self, data: Any, dofs: Indices) -> Array:
         """Return the motion by each joint's, [linear at its centre; angular], (n_dofs, 6)."""
-        about_root = data.cdof[dofs]  # [angular; linear] at the centre of mass of the dof's tree
-        angular = about_root[:, :3]
-        arm = self.centre(data) - data.subtree_com[self._root_of_dof[dofs]]
-        linear = about_root[:, 3:] + cross_rows(angular, arm)
-        return np.concatenate((linear, angular), axis=1)
+        return native.module.joint_screws(
+            data.cdof, dofs, data.subtree_com, self._root_of_dof, data.subtree_com[self.top]
+        )
 
     def motions(self, data: Any, moments: Array, couplings: Array) -> Array | None:
         """Return the motions that its own joints leave it.
