@@ -293,6 +293,11 @@ def exact_lengths(vectors: Array) -> Array:
     return np.fromiter(each, np.float64, vectors.size // 3).reshape(vectors.shape[:-1])
 
 
+def dot(a: Array, b: Array) -> Array:
+    """Return a·b along the first axis, on every processor rounded alike for one and for many."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 def cross(a: Array, b: Array) -> Array:
     """Return a × b along the first axis; ten times as fast as NumPy's general one."""
     return np.array(
@@ -366,7 +371,7 @@ class Contact:
         size = math.hypot(*along)
         flat = along / size if size else along
         for _ in range(2):  # the second pass removes what cancellation left along the normal
-            flat = flat - (flat @ unit) * unit
+            flat = flat - dot(flat, unit) * unit
         length = math.hypot(*flat)
         if length <= LEAST_ACROSS:
             raise InvalidInputError(

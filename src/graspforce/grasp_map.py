@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspforce._util.arrays import Array, as_array
-from graspforce.contact import Contact, as_contacts, cross, exact_lengths, warn_of_slips
+from graspforce.contact import Contact, as_contacts, cross, dot, exact_lengths, warn_of_slips
 
 
 def grasp_map(contacts: Sequence[Contact], origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
@@ -69,7 +69,7 @@ def stacked_maps(
     normals = normals / lengths(normals)[..., None]
     flat = tangents / lengths(tangents)[..., None]
     for _ in range(2):  # once more for what cancellation has left of the normal
-        flat = flat - (flat[..., None, :] @ normals[..., None])[..., 0] * normals
+        flat = flat - dot(flat.T, normals.T).T[..., None] * normals
     flat /= lengths(flat)[..., None]
     axes = np.stack((normals, flat, cross(normals.T, flat.T).T), axis=-2)
     torques = cross((points - origins)[:, :, None].T, axes.T).T + 0.0  # no −0
