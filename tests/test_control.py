@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import graspforce as gf
-from graspforce.contact import patch_weights
+from graspforce.contact import PATCH_ANGLES, patch_weights
 from graspforce.control import ContactBook, position_command
 
 DT = 1e-3
@@ -300,16 +300,23 @@ def test_spare_slots_take_what_comes_late():
 
 def test_cones_of_one_patch_share_their_weight():
     """A link's contacts whose normals agree, as far as they are engaged; others weigh 1."""
-    book, rng = a_book(), np.random.default_rng(0)
+    book, rng, shared = a_book(), np.random.default_rng(0), []
     for _ in range(60):
         tilted = np.array([0, 0, 1.0]) + 0.3 * rng.standard_normal((3, 3))
         tilted /= np.linalg.norm(tilted, axis=1)[:, None]
         there = np.flatnonzero(rng.random(3) > 0.4)
         book.update(POINTS[there], tilted[there], [LINKS[i] for i in there], 0.03)
-        counts = np.maximum(book.engagement, 1e-3)
-        expected = patch_weights(book.frames[:, :, 0], LINKS, counts)
-        assert_allclose(book.cone_weight, expected, rtol=1e-12)
-    assert 0 < expected[1] < 0.9
+        counts, normals = np.maximum(book.engagement, 1e-3), book.frames[:, :, 0]
+        near, far = np.cos(PATCH_ANGLES)
+        agreed = min(max((normals[1] @ normals[2] - far) / (near - far), 0), 1)
+        assert_allclose(book.cone_weight[0], 1)
+        for one, other in ((1, 2), (2, 1)):
+            expected = counts[one] / (counts[one] + agreed * counts[other])
+            assert_allclose(book.cone_weight[one], expected, rtol=1e-12)
+        shared.append(expected)
+        if (book.engagement == 1).all():
+            assert_allclose(book.cone_weight, patch_weights(normals, LINKS), rtol=1e-12)
+    assert min(shared) < 0.6
 
 
 def test_more_contacts_than_ever_are_taken():

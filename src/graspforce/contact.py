@@ -305,9 +305,7 @@ def cross(a: Array, b: Array) -> Array:
     )
 
 
-def patch_weights(
-    normals: Array, links: Sequence[object], engagement: Array | None = None
-) -> Array:
+def patch_weights(normals: Array, links: Sequence[object]) -> Array:
     """Return the weights of the cones with which contacts of one patch share 1, shape (n,).
 
     How many points stand for one patch is a matter of the simulator's collision geometry. Contacts
@@ -319,15 +317,13 @@ def patch_weights(
     Args:
         normals: unit normals, shape (n, 3).
         links: what makes each contact, n names or numbers.
-        engagement: how much each counts as a contact, above 0, shape (n,); all the same by default.
     """
     numbers = {link: number for number, link in enumerate(links)}
     of_link = np.array([numbers[link] for link in links])
     together = (of_link[:, None] == of_link).astype(float)
     near, far = math.cos(PATCH_ANGLES[0]), math.cos(PATCH_ANGLES[1])
     together *= ((normals @ normals.T - far) / (near - far)).clip(0.0, 1.0)
-    counts = np.ones(len(normals)) if engagement is None else engagement
-    return counts / (together @ counts)
+    return 1 / together.sum(axis=1)
 
 
 def contact_starts(models: Sequence[ContactModel]) -> list[int]:
