@@ -132,6 +132,20 @@ def test_an_equality_that_is_switched_off_holds_no_longer():
     assert not len(reader.passive_rows)
 
 
+def test_a_contact_that_comes_to_lie_within_its_gap_carries_nothing():
+    """MuJoCo goes on listing it, between the same geoms, and leaves it out of the constraints."""
+    model, data = scene()
+    reader = MujocoGrasp(model, data, "cube")
+    geom = int(data.contact.geom[0].min())  # a finger's
+    for margin, gap, count in ((-0.01, 0.02, 3), (0, 0, 4), (-0.01, 0.02, 3)):
+        model.geom_margin[geom], model.geom_gap[geom] = margin, gap
+        mujoco.mj_forward(model, data)
+        assert len(data.contact.geom) == 4
+        reader.update(data)
+        assert len(reader.contacts) == count
+        assert_same(reader, MujocoGrasp(model, data, "cube"))
+
+
 def test_masses_gravity_friction_and_damping_may_change_between_updates():
     lump = '<geom name="lump" size=".005" pos=".02 0 0" contype="0" conaffinity="0" mass=".25"/>'
     world = CUBE.replace("</body>", f"{lump}</body>")
