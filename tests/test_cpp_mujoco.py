@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 
 import graspforce as gf
 from graspforce import sim
-from graspforce.contact import model_of, patch_weights
+from graspforce.contact import model_of
 from graspforce.control import ContactBook
 from graspforce.sim.hand_loop import quiet_reader
 
@@ -131,7 +131,6 @@ class Mirror:
             book.points, book.frames.transpose(0, 2, 1), self.dims, self.bodies
         )
         low, high = (each[own] for each in self.motors.limits(self.data))
-        weights = patch_weights(book.frames[:, :, 0], book.links, np.maximum(book.engagement, 1e-3))
         # Of the rows that no motor moves there may be fewer than the example has room for.
         idle = np.zeros((len(f) - 6 - len(hand.passive_loads), W.shape[1]))
         fields = {
@@ -139,7 +138,7 @@ class Mirror:
             "f": np.concatenate((f[:6], hand.passive_loads, np.zeros(len(idle)))),
             "J": hand.J[:, own], "tau_bias": hand.tau_bias[own],
             "tau_lo": low, "tau_hi": np.maximum(high, low + 1e-6 * np.maximum(np.abs(low), 1e-3)),
-            "engagement": book.engagement, "cone_weight": weights,
+            "engagement": book.engagement, "cone_weight": book.cone_weight,
         }  # fmt: skip
         if self.servo is None:
             weight = 9.81 * self.model.body_subtreemass[self.body]

@@ -9,7 +9,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 import graspforce as gf
-from graspforce.contact import patch_weights
 from graspforce.control import ContactBook
 
 pin = pytest.importorskip("pinocchio")
@@ -110,9 +109,7 @@ def test_cpp_pinocchio_loop_has_the_numbers_of_python(example, urdf):
         fields = {
             "W": grasp.W, "f": f, "J": grasp.J, "tau_bias": grasp.tau_bias,
             "engagement": book.engagement,
-            "cone_weight": patch_weights(
-                book.frames[:, :, 0], book.links, np.maximum(book.engagement, 1e-3)
-            ),
+            "cone_weight": book.cone_weight,
         }  # fmt: skip
         if servo is None:
             more = {name: fields[name] for name in fields if name not in "Wf"}
