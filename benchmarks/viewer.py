@@ -92,6 +92,7 @@ def times(browser: Browser, clients: int) -> list[str]:
     (session,) = page.sessions.values()
     time.sleep(1)
     server = [_server_time(session, 5 + 0.01 * k) for k in range(200)]
+    tabs[0].wait_for_function("document.querySelector('.gf-alpha')?.innerText === '6.99'")
     answers = [_answer_time(tabs[0], 10 + k) for k in range(50)]
     rates = [_redraws(page, 1)]
     tabs += [opened(browser, page.url) for _ in range(clients - 1)]
@@ -161,8 +162,9 @@ def _answer_time(tab: Page, alpha: float) -> float:
     row = tab.locator(ALPHA).locator("xpath=ancestor::div[2]")
     field = row.locator("input").first.element_handle()
     return tab.evaluate(
-        """([field, value]) => new Promise(done => {
+        """([field, value]) => new Promise((done, fail) => {
           const start = performance.now();
+          setTimeout(() => fail(new Error(`${value} did not show within 20 s`)), 20000);
           new MutationObserver((_, watch) => {
             if (document.querySelector('.gf-alpha')?.innerText === value) {
               watch.disconnect();

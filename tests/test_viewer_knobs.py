@@ -1,6 +1,7 @@
 """The live page in a real browser: every knob, the sentence and its remedies, files of grasps."""
 
 import re
+import threading
 
 from browser import needs_browser
 from live_page import choose, enter, number, problem_of, row, session, shown, until
@@ -77,6 +78,25 @@ def test_a_larger_alpha_has_lighter_forces_and_numbers_are_those_of_solve(served
         assert shown(tab, "steps") == str(sol.newton_steps)
         forces.append(sol.normal_forces.max())
     assert forces[1] < forces[0]
+
+
+def test_a_knob_turned_just_as_a_wait_ends_is_answered(served, monkeypatch):
+    page, tab = served(viewer.open_subject("static"))
+    turned = iter([10.0])
+
+    class JustEnded(threading.Event):
+        def wait(self, timeout=None):
+            woken = super().wait(timeout)
+            if not woken:
+                for alpha in turned:
+                    live.turn(alpha=alpha)
+            return woken
+
+    live, before = session(page), session(page)._wake
+    monkeypatch.setattr(live, "_patience", lambda: 0.01)
+    live._wake = JustEnded()
+    before.set()
+    until(lambda: shown(tab, "alpha") == "10", "alpha that was turned")
 
 
 def test_a_wish_tells_the_firmness(served):

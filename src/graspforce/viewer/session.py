@@ -200,7 +200,8 @@ class Session:
             woken = self._wake.wait(self._patience())
             if self._closed:
                 return
-            self._wake.clear()
+            if woken:  # else what wakes just now, after the wait has ended, would be forgotten
+                self._wake.clear()
             now = time.monotonic()
             try:
                 self._serve(woken, now - last)
