@@ -127,7 +127,7 @@ class Panel:
             self._add_grip()
             self._add_load()
             self._add_limits()
-            self._reset = gui.add_button("Reset all knobs", icon="refresh")
+            self._reset = gui.add_button("Reset all knobs")
             self._on_click(self._reset, actions.reset)
         with tabs.add_tab("Numbers"):
             self._numbers = gui.add_html("")
@@ -235,9 +235,7 @@ class Panel:
             )
             gui.add_markdown("A click on the object is a contact there.")
             self._next_finger = gui.add_dropdown("Contact of", fingers)
-            self._on_click(
-                gui.add_button("Let all fingers touch", icon="hand-finger"), self._actions.touch_all
-            )
+            self._on_click(gui.add_button("Let all fingers touch"), self._actions.touch_all)
             self._on_click(gui.add_button("Take the last contact away"), self._unpick)
 
     @property
@@ -386,7 +384,7 @@ class Panel:
         self.live = gui.add_checkbox("Run live", False)
         self._on_update(self.live, self._actions.physics)
         self.pace = gui.add_html("")
-        self._on_click(gui.add_button("Begin again", icon="refresh"), self._actions.again)
+        self._on_click(gui.add_button("Begin again"), self._actions.again)
         if not self._has("lift"):
             return
         names = self._subject.fingers
@@ -398,11 +396,11 @@ class Panel:
 
     def _add_share(self) -> None:
         gui = self._gui
-        self._on_click(gui.add_button("Picture (.png)", icon="camera"), self._actions.screenshot)
-        self._on_click(gui.add_button("Page (.html)", icon="download"), self._actions.export)
+        self._on_click(gui.add_button("Picture (.png)"), self._actions.screenshot)
+        self._on_click(gui.add_button("Page (.html)"), self._actions.export)
         gui.add_markdown("The page opens from disk, without a network, and can be turned.")
         link = gui.add_text("Link to these knobs", self._link())
-        show = gui.add_button("Make the link", icon="link")
+        show = gui.add_button("Make the link")
 
         def make() -> None:
             link.value = self._link()
