@@ -24,7 +24,7 @@ picture: $(VENV)/dev.installed  ## the README's moving picture, docs/images/regr
 matrix: $(VENV)/dev.installed  ## the tests under other processors, versions and habits, about an hour
 	$(VENV)/bin/python tests/matrix.py
 
-matrix-short: $(VENV)/test.installed  ## the numeric tests as two older processors compute them
+matrix-short: $(VENV)/test.installed  ## the numeric tests as older processors compute them
 	$(VENV)/bin/python tests/matrix.py --short
 
 lint: $(VENV)/dev.installed  ## formatters, linters, type checker, import order, stubs

@@ -6,8 +6,8 @@ Each setting is one run of pytest: with environment variables that make the core
 NumPy behave as on an older processor, with options of pytest, or with other versions of Python and
 of the packages, in an environment of their own under build/matrix. Settings run side by side; a
 table follows, and each run's output stays in build/matrix. ``make matrix`` runs them all, about an
-hour on two cores; ``--short`` two older processors as a whole, some minutes; a NAME those whose
-names contain it.
+hour on two cores; ``--short`` one or two older processors as a whole, some minutes; a NAME those
+whose names contain it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import time
 import tomllib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -72,9 +72,15 @@ class Setting:
 
 
 def short_settings() -> list[Setting]:
-    """The oldest processor and the one before this: two cores run them side by side."""
+    """The oldest processor, and the one before this if it takes another core; on all cores."""
     older = list(processors())
-    return older[:1] + older[1:][-1:]
+    of_core = {each.variables["GRASPFORCE_CORE"]: each for each in (*older[1:][-1:], *older[:1])}
+    processes = str(max(1, (os.cpu_count() or 1) // max(1, len(of_core))))
+    options = (*NUMERIC, "-n", processes, "--dist", "loadfile")
+    return [
+        replace(each, variables=each.variables | {"OPENBLAS_NUM_THREADS": "1"}, options=options)
+        for each in of_core.values()
+    ]
 
 
 def processors() -> Iterator[Setting]:

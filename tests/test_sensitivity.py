@@ -1,4 +1,4 @@
-"""Derivatives against differences of the solver itself, and against each other."""
+"""Derivatives against differences of the solver, exact ones of its equations, and each other."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from graspforce.scenarios.random import grasps
 
 @pytest.mark.parametrize("kind", sweep.KINDS)
 @pytest.mark.parametrize("seed", range(20))
-def test_every_field_against_differences_of_the_solver(seed, kind):
+def test_every_field_against_what_is_exact_and_differences_of_the_solver(seed, kind):
     """``make derivatives`` is the long run."""
     found = list(sweep.errors(sweep.KINDS[kind](seed), np.random.default_rng(seed), most=2))
-    assert [(name, error) for name, error in found if not error <= 1e-6] == []
-    assert len({name for name, _ in found}) > 1
+    assert [each for each in found if not each.exact <= 1e-9] == []
+    assert [each for each in found if not each.differences <= 1e-6] == []
+    assert len({each.field for each in found}) > 1
 
 
 @pytest.mark.parametrize("kind", sweep.KINDS)
@@ -60,8 +61,9 @@ def test_a_real_hand(index):
     """Allegro grasps, whose fingers' joints are coupled by their contacts."""
     problem = gf.files.read(ALLEGRO)[index].problem
     if gf.solve(problem).status is gf.Status.SOLVED:
-        for name, error in sweep.errors(problem, np.random.default_rng(index), most=2):
-            assert error <= 1e-6, name
+        for each in sweep.errors(problem, np.random.default_rng(index), most=2):
+            assert each.exact <= 1e-9, each
+            assert each.differences <= 1e-6, each
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="needs ../shared/data")
@@ -73,7 +75,9 @@ def test_all_grasps_of_a_real_hand():
     assert len(held) == 191
     for i, problem in enumerate(held[::8]):
         rng = np.random.default_rng(i)
-        assert max(error for _, error in sweep.errors(problem, rng, most=1)) <= 1e-6
+        for each in sweep.errors(problem, rng, most=1):
+            assert each.exact <= 1e-9, each
+            assert each.differences <= 1e-6, each
     assert max(sweep.adjoint_error(p, np.random.default_rng(0)) for p in held) <= 1e-10
 
 

@@ -602,7 +602,8 @@ def soft_rows(fields: Mapping[str, Array]) -> tuple[Array, Array]:
 def preload(layout: Layout, fields: Mapping[str, Array]) -> Array:
     """Return engagement·pull in the places of the normal forces, shape (…, m + r)."""
     m = sum(layout.dims)
-    shift = np.zeros((*fields["f"].shape[:-1], m + layout.internals))
+    f = fields["f"]
+    shift = np.zeros((*f.shape[:-1], m + layout.internals), f.dtype)
     if layout.pulls:
         there = fields["engagement"] > REMOVAL_THRESHOLD
         normals = np.cumsum((0, *layout.dims[:-1]))
