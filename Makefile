@@ -59,8 +59,8 @@ decrements: $(VENV)/test.installed  ## the certified bounds of a hundred thousan
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python benchmarks/decrements.py --ticks 100000 --save benchmarks/results/decrements.txt
 
 GRASPS := $(wildcard ../shared/data/allegro_ycb.npz)
-derivatives: $(VENV)/test.installed  ## those by every field against differences of the solver, some minutes
-	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python benchmarks/derivatives.py \
+derivatives: $(VENV)/test.installed  ## those by every field against exact ones and differences, half an hour
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python benchmarks/derivatives.py --tol 1e-24 1e-9 \
 	  $(GRASPS:%=--grasps %) --save benchmarks/results/derivatives.txt
 
 # The core alone needs no Python. Programs go to build/; SECONDS and TICKS may be given.

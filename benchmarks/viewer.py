@@ -27,6 +27,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import psutil
+import viser
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from graspforce import sim, viewer
@@ -87,6 +88,7 @@ def times(browser: Browser, clients: int) -> list[str]:
             (kind, [_page_up(browser, *arguments) for _ in range(3)])
             for kind, *arguments in _kinds(Path(folder))
         ]
+    empty = statistics.median(_empty_page_up(browser) for _ in range(3))
     page = viewer.Viewer(viewer.open_subject("static"), port=0)
     tabs = [opened(browser, page.url)]
     (session,) = page.sessions.values()
@@ -102,8 +104,9 @@ def times(browser: Browser, clients: int) -> list[str]:
     page.stop()
     return [
         "command to page         median of 3, and the processor time until its address is told",
+        f"  an empty page of viser  {empty:.2f} s without a command",
         *(
-            f"  {kind:<22}{statistics.median(wall for wall, _ in times):.2f} s, "
+            f"  {kind:<24}{statistics.median(wall for wall, _ in times):.2f} s, "
             f"{statistics.median(cpu for _, cpu in times):.2f} s"
             for kind, times in up
         ),
@@ -149,6 +152,18 @@ def _page_up(browser: Browser, *arguments: str) -> tuple[float, float]:
         tab.close()
         process.terminate()
     return took, spent.user + spent.system
+
+
+def _empty_page_up(browser: Browser) -> float:
+    """Return the time to a word on a page of viser alone, which no page of ours can be below."""
+    server = viser.ViserServer(port=0, verbose=False)
+    server.gui.add_html("<b class='gf-word'>here</b>")
+    start = time.perf_counter()
+    tab = opened(browser, f"http://127.0.0.1:{server.get_port()}", ".gf-word")
+    took = time.perf_counter() - start
+    tab.close()
+    server.stop()
+    return took
 
 
 def _server_time(session: Any, alpha: float) -> float:

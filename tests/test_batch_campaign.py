@@ -28,6 +28,6 @@ def test_chunks_of_a_stream_are_solved_in_bounded_memory():
 
     # Once in a while the allocator places an array of 20 MB beside a hole of that size, whatever
     # the length of the run; memory that is not given back is missing in every run.
-    few, many = peak(100_000), min(peak(500_000), peak(500_000))
+    few, many = peak(50_000), min(peak(250_000), peak(250_000))
     assert max(few, many) < 500  # MB
     assert many - few < 30
