@@ -5,7 +5,8 @@
     python benchmarks/viewer.py --save benchmarks/results/viewer.txt
 
 Needs the extra test and Chromium or Chrome on the PATH. Fails on an exception on the page or in the
-server, on more than 50 MB of growth, and on threads that are left over.
+server, on a turn without an answer, on more than 50 MB of growth, and on threads that are left
+over.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -31,6 +33,7 @@ import viser
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from graspforce import sim, viewer
+from graspforce.viewer.scene import quiet
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 FLAGS = [
@@ -39,6 +42,7 @@ FLAGS = [
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
 ]  # fmt: skip
 MOST_GROWTH = 50.0  # [MB]
+PATIENCE = 30.0  # [s]
 ALPHA = "label:text-is('alpha')"
 
 
@@ -156,13 +160,15 @@ def _page_up(browser: Browser, *arguments: str) -> tuple[float, float]:
 
 def _empty_page_up(browser: Browser) -> float:
     """Return the time to a word on a page of viser alone, which no page of ours can be below."""
-    server = viser.ViserServer(port=0, verbose=False)
+    with quiet():
+        server = viser.ViserServer(port=0, verbose=False)
     server.gui.add_html("<b class='gf-word'>here</b>")
     start = time.perf_counter()
     tab = opened(browser, f"http://127.0.0.1:{server.get_port()}", ".gf-word")
     took = time.perf_counter() - start
     tab.close()
-    server.stop()
+    with quiet():
+        server.stop()
     return took
 
 
@@ -227,19 +233,17 @@ def soak(browser: Browser, turns: int) -> tuple[list[str], list[str]]:
         if turn % 100 == 0:
             tab.wait_for_timeout(1)  # which lets the page's events through
             memory.append(process.memory_info().rss / 2**20)
+        if turn % 10 == 0 and not within(PATIENCE, lambda: session._good is session._knobs):
+            errors.found.append(f"turn {turn} was not answered: {session._knobs}")
         time.sleep(0.005)
     session.reset()
     tab.wait_for_selector(".gf-largest-normal")
     took = time.monotonic() - start
     redraws = session.redraws
     tab.close()
-    deadline = time.monotonic() + 30
-    while page.sessions and time.monotonic() < deadline:
-        time.sleep(0.05)
+    within(PATIENCE, lambda: not page.sessions)
     page.stop()
-    deadline = time.monotonic() + 30
-    while threading.active_count() > threads and time.monotonic() < deadline:
-        time.sleep(0.05)
+    within(PATIENCE, lambda: threading.active_count() <= threads)
     # The first tenth fills caches and plots.
     growth = memory[-1] - memory[len(memory) // 10]
     failures = list(errors.found)
@@ -252,6 +256,14 @@ def soak(browser: Browser, turns: int) -> tuple[list[str], list[str]]:
         f"memory {memory[len(memory) // 10]:.0f} to {memory[-1]:.0f} MB"
     ]
     return said, failures
+
+
+def within(seconds: float, holds: Callable[[], bool]) -> bool:
+    """Wait until something holds; return whether it does."""
+    deadline = time.monotonic() + seconds
+    while not holds() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return holds()
 
 
 def random_turn(rng: np.random.Generator) -> dict[str, Any]:
