@@ -20,7 +20,7 @@ from graspforce._util import atomic
 from graspforce.cli import simulate as simulate_command
 from graspforce.cli import terminal
 from graspforce.sim import render
-from graspforce.sim.controller import rotation_vector, swing_point
+from graspforce.sim.controller import swing_point
 from graspforce.sim.scenes.bulb import bulb
 
 
@@ -421,14 +421,6 @@ def test_sim_step_is_an_alias_of_finger_swing_that_warns():
     assert step is sim.FingerSwing
     with pytest.raises(AttributeError, match="has no attribute 'other'"):
         sim.other  # noqa: B018
-
-
-def test_sim_rotation_vector_is_axis_times_angle():
-    from scipy.spatial.transform import Rotation
-
-    for vector in ([0.3, -0.2, 0.5], [0.0, 0.0, 0.0], [1e-7, 0.0, 2e-7], [0.0, 2.9, 0.0]):
-        R = Rotation.from_rotvec(vector).as_matrix()
-        np.testing.assert_allclose(rotation_vector(R), vector, atol=1e-9)
 
 
 @pytest.mark.parametrize(

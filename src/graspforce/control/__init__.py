@@ -1,11 +1,12 @@
-"""What a force loop needs beside the Servo: contacts that come and go, and position-driven motors.
+"""What a force loop needs beside the Servo: which wrench to ask for, contacts, position commands.
 
-:class:`ContactBook` makes of what touches now a problem of one layout whose numbers change
-little; :func:`position_command` sends torques through motors that take positions. Neither knows a
-simulator.
+:class:`ObjectLaw` says which wrench brings an object to where it should be; :class:`ContactBook`
+makes of contacts that come and go a problem of one layout whose numbers change little;
+:func:`position_command` sends torques through motors that take positions. None knows a simulator.
 """
 
 from graspforce.control.contact_book import ContactBook
+from graspforce.control.object_law import ObjectLaw, ObjectState
 from graspforce.control.position import PositionCommand, position_command
 
-__all__ = ["ContactBook", "PositionCommand", "position_command"]
+__all__ = ["ContactBook", "ObjectLaw", "ObjectState", "PositionCommand", "position_command"]

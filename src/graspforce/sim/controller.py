@@ -24,16 +24,15 @@ import numpy as np
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.contact import PCWF, Contact, any_tangent, cross
+from graspforce.control import ObjectLaw, ObjectState
 from graspforce.grasp_map import grasp_map
 from graspforce.problem import ForceProblem
 from graspforce.regrasp import is_removed, smooth
 from graspforce.servo import Servo
 from graspforce.sim.minimum_norm_servo import MinimumNormServo
-from graspforce.sim.mujoco_import import mj
 from graspforce.sim.trial import FingerSwing, Trial
-from graspforce.sim.world import Pose, Touch, World
+from graspforce.sim.world import Touch, World
 from graspforce.solution import Solution
-from graspforce.trajectory import State
 
 # How deep inside the surface a returning finger aims [m]: it makes contact with a small force.
 PRESS_DEPTH = 5e-4
@@ -86,7 +85,10 @@ class Controller:
         self._trial, self._world = trial, world
         self._gains, self._schedule = trial.gains, trial.schedule
         R = world.pose().rotation
-        self._mass, self._inertia = world.mass, R.T @ world.inertia @ R
+        self._law = ObjectLaw(
+            world.mass, R.T @ world.inertia @ R, stiffness=trial.gains.object_stiffness,
+            damping=trial.gains.object_damping,
+        )  # fmt: skip
         self._q_start = world.q.copy()
         # In the object's frame: where each finger touches or last did, and the roll of its frame.
         self._points = [grip.point for grip in trial.grips]
@@ -95,10 +97,13 @@ class Controller:
         self._servo: Servo | MinimumNormServo | None = None
         self._tau: Array | None = None
 
-    def step(self, t: float, pose: Pose, touches: list[Touch | None]) -> Command:
+    def step(self, t: float, pose: ObjectState, touches: list[Touch | None]) -> Command:
         """Return the torques of the tick at time t [s] from what is measured."""
         target = self._trial.target(t)
-        acceleration, f = self._wrench(target, pose)
+        acceleration = self._law.acceleration(target, pose)
+        f = self._law.wrench(acceleration, pose, self._world.model.opt.gravity)
+        direction = min(max(target.yaw_rate / FULL_FRICTION_RATE, -1.0), 1.0)
+        f[5] += direction * self._trial.turning_friction
         engagement = self._engagement(t, touches)
         contacts = self._contacts(pose, touches, engagement)
         W = grasp_map(contacts, pose.position)
@@ -113,29 +118,6 @@ class Controller:
             self._tau = np.clip(bias, grasp.tau_lo, grasp.tau_hi)
         return Command(self._tau, f, solution, contacts, engagement, kept)
 
-    # ---- 1  the wrench ---------------------------------------------------------------------
-
-    def _wrench(self, target: State, pose: Pose) -> tuple[Array, Array]:
-        """Return the wanted acceleration, linear and angular, and the wrench f for it."""
-        gains = self._gains
-        linear = (
-            target.acceleration
-            + gains.object_stiffness * (target.position - pose.position)
-            + gains.object_damping * (target.velocity - pose.velocity)
-        )
-        angular = (
-            target.angular_acceleration
-            + gains.object_stiffness * rotation_vector(target.rotation @ pose.rotation.T)
-            + gains.object_damping * (target.angular_velocity - pose.angular_velocity)
-        )
-        inertia = pose.rotation @ self._inertia @ pose.rotation.T
-        omega = pose.angular_velocity
-        force = self._mass * (linear - self._world.model.opt.gravity)
-        torque = inertia @ angular + cross(omega, inertia @ omega)
-        direction = min(max(target.yaw_rate / FULL_FRICTION_RATE, -1.0), 1.0)
-        torque[2] += direction * self._trial.turning_friction
-        return np.concatenate((linear, angular)), np.concatenate((force, torque))
-
     # ---- 2  the contacts -------------------------------------------------------------------
 
     def _engagement(self, t: float, touches: list[Touch | None]) -> Array:
@@ -147,7 +129,7 @@ class Controller:
         return engagement
 
     def _contacts(
-        self, pose: Pose, touches: list[Touch | None], engagement: Array
+        self, pose: ObjectState, touches: list[Touch | None], engagement: Array
     ) -> tuple[Contact, ...]:
         """Return where the fingers touch; where one does not, where it last did."""
         R, model = pose.rotation, PCWF(self._trial.assumed_mu)
@@ -180,7 +162,7 @@ class Controller:
     def _bias_torques(
         self,
         t: float,
-        pose: Pose,
+        pose: ObjectState,
         touches: list[Touch | None],
         acceleration: Array,
         contacts: tuple[Contact, ...],
@@ -279,15 +261,7 @@ def swing_point(swing: FingerSwing, t: float, radius: float) -> Array:
     return point - height * normal
 
 
-def rotation_vector(R: Array) -> Array:
-    """Return axis times angle of a rotation matrix, shape (3,) [rad]."""
-    quaternion, vector = np.zeros(4), np.zeros(3)
-    mj.mju_mat2Quat(quaternion, R.ravel())
-    mj.mju_quat2Vel(vector, quaternion, 1.0)
-    return vector
-
-
-def point_acceleration(acceleration: Array, pose: Pose, point: Array) -> Array:
+def point_acceleration(acceleration: Array, pose: ObjectState, point: Array) -> Array:
     """Return the acceleration of the object's material at a point, shape (3,) [m/s²]."""
     arm, omega = point - pose.position, pose.angular_velocity
     return acceleration[:3] + cross(acceleration[3:], arm) + cross(omega, cross(omega, arm))

@@ -36,8 +36,8 @@ from graspforce._engine import native
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array, as_positive
 from graspforce.answers import firmness
-from graspforce.contact import ContactModel, cross, model_of
-from graspforce.control import ContactBook
+from graspforce.contact import ContactModel, model_of
+from graspforce.control import ContactBook, ObjectLaw, ObjectState
 from graspforce.errors import GraspForceWarning, InvalidInputError, ModelImportError
 from graspforce.hands.hand import Actuation
 from graspforce.hands.mujoco.contacts import Indices
@@ -46,10 +46,9 @@ from graspforce.hands.mujoco.model import moved_by
 from graspforce.hands.mujoco.motors import MujocoMotors
 from graspforce.problem import ForceProblem
 from graspforce.servo import Servo
-from graspforce.sim.controller import rotation_vector
 from graspforce.sim.mujoco_import import mj
 from graspforce.sim.trial import Gains
-from graspforce.sim.world import Pose, object_inertia, object_pose
+from graspforce.sim.world import object_inertia, object_pose
 from graspforce.solution import Solution
 from graspforce.trajectory import GRAVITY, Hold, Motion
 
@@ -166,12 +165,14 @@ class HandLoop:
         self._gains.require_ticks(self._dt)
         self._body = int(model.body(body).id)
         pose = object_pose(model, data, self._body)
-        self._turned = pose.rotation
         where: Any = pose.position.tolist()
         self._motion: Motion = Hold(where) if motion is None else motion
-        self._mass = float(model.body_subtreemass[self._body])
-        self._inertia = pose.rotation.T @ object_inertia(data, self._body) @ pose.rotation
-        weight = self._mass * (float(np.linalg.norm(model.opt.gravity)) or GRAVITY)
+        inertia = pose.rotation.T @ object_inertia(data, self._body) @ pose.rotation
+        self._law = ObjectLaw(
+            float(model.body_subtreemass[self._body]), inertia, turned=pose.rotation,
+            stiffness=self._gains.object_stiffness, damping=self._gains.object_damping,
+        )  # fmt: skip
+        weight = self._law.mass * (float(np.linalg.norm(model.opt.gravity)) or GRAVITY)
         self._c_max = CEILING * weight if c_max is None else as_positive(c_max, "c_max", "N")
         self._mu = mu if mu is None else as_positive(mu, "mu", "")
         self._lengths = self.motors.lengths(data)
@@ -225,7 +226,7 @@ class HandLoop:
         """Send torques to the motors; their joints are where they were last read."""
         self.motors.send(self._data, tau, self._dt, self._reach, at_once=at_once)
 
-    def decide(self, t: float, pose: Pose, seen: Seen) -> HandCommand:
+    def decide(self, t: float, pose: ObjectState, seen: Seen) -> HandCommand:
         """Return the torques of the tick at time t [s] from what is measured.
 
         Args:
@@ -233,7 +234,8 @@ class HandLoop:
             pose: of the object.
             seen: what touches.
         """
-        acceleration, f = self._wrench(t, pose)
+        acceleration = self._law.acceleration(self._motion.at(t), pose)
+        f = self._law.wrench(acceleration, pose, self._model.opt.gravity)
         self.book.update(
             seen.points, seen.normals, seen.bodies.tolist(), self._dt, pose.position, pose.rotation
         )
@@ -254,7 +256,7 @@ class HandLoop:
     def target(self, t: float) -> tuple[Array, Array]:
         """Return where the object should be at time t [s], and how turned."""
         state = self._motion.at(t)
-        return state.position, state.rotation @ self._turned
+        return state.position, state.rotation @ self._law.turned
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -265,7 +267,7 @@ class HandLoop:
 
     # ---- what it holds with --------------------------------------------------------------------
 
-    def _open_book(self, seen: Seen, pose: Pose) -> None:
+    def _open_book(self, seen: Seen, pose: ObjectState) -> None:
         """Make slots for what touches, and see which motors move it."""
         balls = (int(mj.mjtGeom.mjGEOM_SPHERE), int(mj.mjtGeom.mjGEOM_ELLIPSOID))
         faces = ~np.isin(self._model.geom_type[self.reader.geoms[:, 0]], balls)
@@ -336,27 +338,7 @@ class HandLoop:
 
     # ---- the law -------------------------------------------------------------------------------
 
-    def _wrench(self, t: float, pose: Pose) -> tuple[Array, Array]:
-        """Return the wanted acceleration, linear and angular, and the wrench f for it."""
-        gains, target = self._gains, self._motion.at(t)
-        linear = (
-            target.acceleration
-            + gains.object_stiffness * (target.position - pose.position)
-            + gains.object_damping * (target.velocity - pose.velocity)
-        )
-        turned = rotation_vector(target.rotation @ self._turned @ pose.rotation.T)
-        angular = (
-            target.angular_acceleration
-            + gains.object_stiffness * turned
-            + gains.object_damping * (target.angular_velocity - pose.angular_velocity)
-        )
-        inertia = pose.rotation @ self._inertia @ pose.rotation.T
-        omega = pose.angular_velocity
-        force = self._mass * (linear - self._model.opt.gravity)
-        torque = inertia @ angular + cross(omega, inertia @ omega)
-        return np.concatenate((linear, angular)), np.concatenate((force, torque))
-
-    def _own_torques(self, acceleration: Array, pose: Pose, J: Array) -> Array:
+    def _own_torques(self, acceleration: Array, pose: ObjectState, J: Array) -> Array:
         """Return the torques that move the joints' own inertia, shape (n_joints,)."""
         gains, data, book = self._gains, self._data, self.book
         off = self.motors.lengths(data) - self._lengths

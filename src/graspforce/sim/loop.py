@@ -10,12 +10,13 @@ import numpy as np
 from graspforce._engine.outcome import Status
 from graspforce._util.arrays import Array
 from graspforce.columns import Columns
-from graspforce.sim.controller import Command, Controller, rotation_vector
+from graspforce.control.object_law import ObjectState, rotation_vector
+from graspforce.sim.controller import Command, Controller
 from graspforce.sim.hand_loop import HandCommand, HandLoop, Seen
 from graspforce.sim.log import Ending, Log
 from graspforce.sim.mujoco_import import mj, silenced_warnings
 from graspforce.sim.trial import Trial
-from graspforce.sim.world import Physics, Pose, Touch, World
+from graspforce.sim.world import Physics, Touch, World
 from graspforce.solution import Solution
 
 # Beyond this distance from its target, or angle, the object counts as dropped.
@@ -129,7 +130,7 @@ class NamedFingers:
         state = self._trial.target(t)
         return state.position, state.rotation
 
-    def decide(self, t: float, pose: Pose) -> Command:
+    def decide(self, t: float, pose: ObjectState) -> Command:
         """Return what the controller decides from the measurements."""
         touches = self.disturbance.touches(self._touches)
         self._decided = self._controller.step(t, self.disturbance.pose(pose), touches)
@@ -141,7 +142,7 @@ class NamedFingers:
         if not self.world.failure():
             self._touches = self.world.touches()
 
-    def slip_increments(self, pose: Pose) -> Array:
+    def slip_increments(self, pose: ObjectState) -> Array:
         """Return the slip of every fingertip on the object in one physics step, shape (n,) [m]."""
         return _slip_increments(self.world, pose, self._touches)
 
@@ -228,7 +229,7 @@ class AnyHand:
         """Return where the object should be, and how turned."""
         return self.loop.target(t)
 
-    def decide(self, t: float, pose: Pose) -> HandCommand:
+    def decide(self, t: float, pose: ObjectState) -> HandCommand:
         """Return what the loop decides from the measurements."""
         seen = self.disturbance.seen(self.loop.seen())
         return self.loop.decide(t, self.disturbance.pose(pose), seen)
@@ -251,7 +252,7 @@ class AnyHand:
         if not self.world.failure():
             loop.read()
 
-    def slip_increments(self, pose: Pose) -> Array:
+    def slip_increments(self, pose: ObjectState) -> Array:
         """Return how far what touches slid on the object in one physics step, shape (n,) [m]."""
         book, data = self.loop.book, self.world.data
         points, normals = book.points, book.frames[:, :, 0]
@@ -332,10 +333,10 @@ class _DisturbanceModel:
     def _noise(self, deviation: float, *shape: int) -> Array:
         return self._random.normal(0.0, deviation, shape) if deviation else np.zeros(shape)
 
-    def pose(self, pose: Pose) -> Pose:
+    def pose(self, pose: ObjectState) -> ObjectState:
         """Return the pose with the sensors' noise."""
         disturbance = self._disturbance
-        return Pose(
+        return ObjectState(
             pose.position + self._noise(disturbance.position_noise, 3),
             _rotated(pose.rotation, self._noise(disturbance.angle_noise, 3)),
             pose.velocity + self._noise(disturbance.velocity_noise, 3),
@@ -381,7 +382,7 @@ def _rotated(R: Array, vector: Array) -> Array:
     return turn.reshape(3, 3) @ R
 
 
-def _slip_increments(world: World, pose: Pose, touches: list[Touch | None]) -> Array:
+def _slip_increments(world: World, pose: ObjectState, touches: list[Touch | None]) -> Array:
     """Return the slip of every fingertip on the object in one physics step, shape (n,) [m].
 
     Slip is the tangential velocity between tip and object at the contact, times the step; rolling
@@ -398,7 +399,13 @@ def _slip_increments(world: World, pose: Pose, touches: list[Touch | None]) -> A
 
 
 def _write_pose(
-    log: Log, tick: int, t: float, position: Array, rotation: Array, pose: Pose, world: Physics
+    log: Log,
+    tick: int,
+    t: float,
+    position: Array,
+    rotation: Array,
+    pose: ObjectState,
+    world: Physics,
 ) -> None:
     """Log where the object is and should be."""
     log.t[tick] = t

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from graspforce._util.arrays import Array
 from graspforce.contact import Contact, cross
+from graspforce.control import ObjectState
 from graspforce.errors import ModelImportError
 from graspforce.hands.mujoco.grasp import MujocoGrasp
 from graspforce.hands.mujoco.model import drives, is_plain_motor
@@ -38,27 +39,6 @@ class Touch:
 
     point: Array
     normal: Array
-
-
-@dataclass(slots=True, eq=False)
-class Pose:
-    """Pose and velocity of the object; world axes.
-
-    Attributes:
-        position: of its centre of mass, shape (3,) [m].
-        rotation: R_world_object, shape (3, 3).
-        velocity: of its centre of mass, shape (3,) [m/s].
-        angular_velocity: shape (3,) [rad/s].
-    """
-
-    position: Array
-    rotation: Array
-    velocity: Array
-    angular_velocity: Array
-
-    def point_velocity(self, point: Array) -> Array:
-        """Return the velocity of the object's material at ``point``, shape (3,) [m/s]."""
-        return self.velocity + cross(self.angular_velocity, point - self.position)
 
 
 class Physics:
@@ -96,7 +76,7 @@ class Physics:
         except KeyError as error:
             raise ModelImportError(f"{kind} {name!r}: not in the model; {error}") from error
 
-    def pose(self) -> Pose:
+    def pose(self) -> ObjectState:
         """Return pose and velocity of the object, or of the robot on its feet."""
         return object_pose(self.model, self.data, self.body)
 
@@ -144,12 +124,12 @@ class Physics:
         return ""
 
 
-def object_pose(model: Any, data: Any, body: int) -> Pose:
+def object_pose(model: Any, data: Any, body: int) -> ObjectState:
     """Return pose and velocity of a body with all that hangs on it."""
     velocity = np.zeros(6)
     mj.mj_subtreeVel(model, data)
     mj.mj_objectVelocity(model, data, mj.mjtObj.mjOBJ_XBODY, body, velocity, 0)
-    return Pose(
+    return ObjectState(
         data.subtree_com[body].copy(), data.xmat[body].reshape(3, 3).copy(),
         data.subtree_linvel[body].copy(), velocity[:3],
     )  # fmt: skip

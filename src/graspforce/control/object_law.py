@@ -1,0 +1,140 @@
+"""The wrench that brings an object to where it should be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspforce._util.arrays import Array, as_array, as_not_negative, as_positive, came
+from graspforce.contact import cross
+from graspforce.errors import InvalidInputError
+from graspforce.trajectory import GRAVITY, State
+
+
+@dataclass(slots=True, eq=False)
+class ObjectState:
+    """Where a rigid object is and how it moves, as measured; world axes.
+
+    Attributes:
+        position: of its centre of mass, shape (3,) [m].
+        rotation: R_world_object, shape (3, 3): v_world = R @ v_object.
+        velocity: of its centre of mass, shape (3,) [m/s].
+        angular_velocity: shape (3,) [rad/s].
+    """
+
+    position: Array
+    rotation: Array
+    velocity: Array
+    angular_velocity: Array
+
+    def point_velocity(self, point: Array) -> Array:
+        """Return the velocity of the object's material at ``point``, shape (3,) [m/s]."""
+        return self.velocity + cross(self.angular_velocity, point - self.position)
+
+
+class ObjectLaw:
+    """A spring and a damper from a rigid object to its target, fed forward with its inertia.
+
+    Errors e fall off as ë + damping ė + stiffness e = 0, whatever the object's mass, as far as the
+    contacts give the wrench; with damping = 2 √stiffness as fast as without overshoot. A loop asks
+    in every tick for the acceleration, and for the wrench that makes it::
+
+        law = ObjectLaw(mass=0.2, inertia=np.diag([1e-4, 1e-4, 5e-5]))
+        f = law.wrench(law.acceleration(motion.at(t), state), state)  # of servo.step(f=f, …)
+
+    Args:
+        mass: of the object [kg].
+        inertia: about its centre of mass, object axes, shape (3, 3) [kg·m²].
+        stiffness: of its pose [1/s²].
+        damping: [1/s].
+        turned: R_world_object where the target's rotation is the identity, shape (3, 3); the
+            identity by default.
+
+    Raises:
+        InvalidInputError: a mass that is not positive, an inertia that is not that of a body,
+            gains below 0.
+    """
+
+    def __init__(
+        self,
+        mass: float,
+        inertia: ArrayLike,
+        *,
+        stiffness: float = 400.0,
+        damping: float = 40.0,
+        turned: ArrayLike | None = None,
+    ) -> None:
+        self.mass = as_positive(mass, "mass", "kg")
+        self.inertia = as_array(inertia, "inertia", (3, 3))
+        size = np.abs(self.inertia).max()
+        if np.abs(self.inertia - self.inertia.T).max() > 1e-9 * size or (
+            np.linalg.eigvalsh(self.inertia).min() <= 0
+        ):
+            raise InvalidInputError(
+                f"inertia: got {came(inertia)}, expected a symmetric, positive definite matrix"
+            )
+        self.stiffness = as_not_negative(stiffness, "stiffness", "1/s²")
+        self.damping = as_not_negative(damping, "damping", "1/s")
+        self.turned = np.eye(3) if turned is None else as_array(turned, "turned", (3, 3))
+
+    def acceleration(self, target: State, state: ObjectState) -> Array:
+        """Return the wanted acceleration, linear and angular, shape (6,) [m/s², rad/s²].
+
+        Args:
+            target: where the object should be and how it should move, or what has its attributes.
+            state: where it is.
+        """
+        wanted = np.empty(6)
+        wanted[:3] = (
+            target.acceleration
+            + self.stiffness * (target.position - state.position)
+            + self.damping * (target.velocity - state.velocity)
+        )
+        off = rotation_vector(target.rotation @ self.turned @ state.rotation.T)
+        wanted[3:] = (
+            target.angular_acceleration
+            + self.stiffness * off
+            + self.damping * (target.angular_velocity - state.angular_velocity)
+        )
+        return wanted
+
+    def wrench(
+        self, acceleration: Array, state: ObjectState, gravity: ArrayLike = (0.0, 0.0, -GRAVITY)
+    ) -> Array:
+        """Return the wrench of the contacts that makes an acceleration, shape (6,) [N, N·m].
+
+        It is the f of W c = f with W about the centre of mass, world axes: a force and a torque
+        against weight and inertia. What else pushes on the object has to be taken off.
+
+        Args:
+            acceleration: linear and angular, shape (6,) [m/s², rad/s²].
+            state: where the object is.
+            gravity: shape (3,) [m/s²].
+        """
+        inertia = state.rotation @ self.inertia @ state.rotation.T
+        omega = state.angular_velocity
+        f = np.empty(6)
+        f[:3] = self.mass * np.subtract(acceleration[:3], gravity)
+        f[3:] = inertia @ acceleration[3:] + cross(omega, inertia @ omega)
+        return f
+
+
+def rotation_vector(R: Array) -> Array:
+    """Return axis times angle of a rotation matrix, shape (3,) [rad]; of length up to π."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
+    # The quaternion times 4 of its components: of that which is largest, so that none is lost.
+    of_each = (
+        (1 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
+        (zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx),
+        (xz - zx, xy + yx, 1 - xx + yy - zz, yz + zy),
+        (yx - xy, xz + zx, yz + zy, 1 - xx - yy + zz),
+    )
+    w, *axis = max(enumerate(of_each), key=lambda each: each[1][each[0]])[1]
+    length = math.hypot(*axis)
+    if length == 0:
+        return np.zeros(3)
+    angle = 2 * math.atan2(length, abs(w))
+    return np.array(axis) * (math.copysign(angle, w) / length)
