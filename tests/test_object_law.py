@@ -107,3 +107,14 @@ def test_rotation_vectors_are_scipys(rng):
 def test_what_is_no_body_or_no_gain_is_refused(arguments, said):
     with pytest.raises(gf.InvalidInputError, match=said):
         ObjectLaw(**{"mass": 0.2, "inertia": INERTIA} | arguments)
+
+
+def test_a_state_is_what_can_be_read_as_one():
+    law, target = ObjectLaw(0.2, INERTIA), Hold((0, 0, 0)).at(0)
+    state = ObjectState([0, 0, 0.01], np.eye(3).tolist(), (0, 0, 0), (0, 0, 0))
+    assert_allclose(law.acceleration(target, state), [0, 0, -4, 0, 0, 0])
+    with pytest.raises(gf.InvalidInputError, match=r"rotation: got shape \(4,\)"):
+        ObjectState(np.zeros(3), [1, 0, 0, 0], np.zeros(3), np.zeros(3))
+    lost = ObjectState(np.array([0, np.nan, 0]), np.eye(3), np.zeros(3), np.zeros(3))
+    with pytest.raises(gf.InvalidInputError, match="expected finite numbers"):
+        law.wrench(law.acceleration(target, lost), lost)

@@ -13,6 +13,10 @@ from graspforce.contact import cross
 from graspforce.errors import InvalidInputError
 from graspforce.trajectory import GRAVITY, State
 
+_SHAPES = (
+    ("position", (3,)), ("rotation", (3, 3)), ("velocity", (3,)), ("angular_velocity", (3,))
+)  # fmt: skip
+
 
 @dataclass(slots=True, eq=False)
 class ObjectState:
@@ -23,12 +27,21 @@ class ObjectState:
         rotation: R_world_object, shape (3, 3): v_world = R @ v_object.
         velocity: of its centre of mass, shape (3,) [m/s].
         angular_velocity: shape (3,) [rad/s].
+
+    Raises:
+        InvalidInputError: a wrong shape, or what is not numbers.
     """
 
     position: Array
     rotation: Array
     velocity: Array
     angular_velocity: Array
+
+    def __post_init__(self) -> None:
+        for name, shape in _SHAPES:
+            value = getattr(self, name)
+            if type(value) is not np.ndarray or value.shape != shape:
+                setattr(self, name, as_array(value, name, shape))
 
     def point_velocity(self, point: Array) -> Array:
         """Return the velocity of the object's material at ``point``, shape (3,) [m/s]."""
@@ -113,12 +126,20 @@ class ObjectLaw:
             acceleration: linear and angular, shape (6,) [m/s², rad/s²].
             state: where the object is.
             gravity: shape (3,) [m/s²].
+
+        Raises:
+            InvalidInputError: numbers that are not finite.
         """
         inertia = state.rotation @ self.inertia @ state.rotation.T
         omega = state.angular_velocity
         f = np.empty(6)
         f[:3] = self.mass * np.subtract(acceleration[:3], gravity)
         f[3:] = inertia @ acceleration[3:] + cross(omega, inertia @ omega)
+        if not np.isfinite(f).all():
+            raise InvalidInputError(
+                f"state, acceleration, gravity: got {state}, {acceleration}, {gravity}, expected "
+                "finite numbers"
+            )
         return f
 
 
