@@ -58,11 +58,12 @@ def test_errors_fall_off_as_the_gains_say(stiffness, damping):
         assert_allclose(rotation_vector(state.rotation), 0.3 * axis * share(t), atol=1e-5)
 
 
-def test_a_body_that_is_on_its_way_stays_on_it():
+@pytest.mark.parametrize("gains", [{"stiffness": 0, "damping": 0}, {}])
+def test_a_body_that_is_on_its_way_stays_on_it(gains):
     """The feed-forward of what a target does: inertia, weight, gyroscopic torque."""
     motion = Circle((0.1, 0.0, 0.2), radius=0.05, period=0.8, yaw_amplitude=0.4)
     turned = Rotation.from_rotvec([0.5, -1.0, 0.7]).as_matrix()
-    law, first = ObjectLaw(0.2, INERTIA, stiffness=0, damping=0, turned=turned), motion.at(0)
+    law, first = ObjectLaw(0.2, INERTIA, turned=turned, **gains), motion.at(0)
     start = ObjectState(
         first.position, first.rotation @ turned, first.velocity, first.angular_velocity
     )
