@@ -68,8 +68,15 @@ def session(page, index=0):
 
 
 def picture(tab):
-    """Return the left half of what a tab shows, which is the scene's, as a PNG."""
-    return tab.screenshot(clip={"x": 0, "y": 0, "width": 230, "height": 400}, timeout=PATIENCE)
+    """Return the left half of what a tab shows, which is the scene's, as a PNG.
+
+    On a busy machine the browser now and then never ends a capture; the next one it does.
+    """
+    half = {"x": 0, "y": 0, "width": 230, "height": 400}
+    for _ in range(3):
+        with suppress(playwright.sync_api.TimeoutError):
+            return tab.screenshot(clip=half, timeout=PATIENCE / 3)
+    return tab.screenshot(clip=half, timeout=PATIENCE)
 
 
 def pixel(tab, live, point):

@@ -19,7 +19,7 @@ from graspforce import cli, sim
 from graspforce._util import atomic
 from graspforce.cli import simulate as simulate_command
 from graspforce.cli import terminal
-from graspforce.sim import render
+from graspforce.sim import allegro_hand, render
 from graspforce.sim.controller import swing_point
 from graspforce.sim.scenes.bulb import bulb
 
@@ -294,6 +294,7 @@ def test_sim_without_the_allegro_package_the_pip_line_is_named(monkeypatch):
     def missing(name):
         raise importlib.metadata.PackageNotFoundError(name)
 
+    allegro_hand._path.cache_clear()
     monkeypatch.setattr(importlib.metadata, "files", missing)
     with pytest.raises(gf.MissingExtraError, match=r"pip install .*'example-robot-data[<>=]"):
         sim.get("allegro")
