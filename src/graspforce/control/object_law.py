@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspforce._util.arrays import Array, as_array, as_not_negative, as_positive, came
+from graspforce._util.arrays import Array, as_array, as_not_negative, as_positive
 from graspforce.contact import cross
 from graspforce.errors import InvalidInputError
 from graspforce.trajectory import GRAVITY, State
@@ -68,7 +68,7 @@ class ObjectLaw:
 
     Raises:
         InvalidInputError: a mass that is not positive, an inertia that is not that of a body,
-            gains below 0.
+            gains below 0, a ``turned`` that is no rotation.
     """
 
     def __init__(
@@ -87,11 +87,17 @@ class ObjectLaw:
             np.linalg.eigvalsh(self.inertia).min() <= 0
         ):
             raise InvalidInputError(
-                f"inertia: got {came(inertia)}, expected a symmetric, positive definite matrix"
+                f"inertia: got {self.inertia.tolist()}, expected a symmetric, positive definite "
+                "matrix"
             )
         self.stiffness = as_not_negative(stiffness, "stiffness", "1/s²")
         self.damping = as_not_negative(damping, "damping", "1/s")
         self.turned = np.eye(3) if turned is None else as_array(turned, "turned", (3, 3))
+        off = np.abs(self.turned @ self.turned.T - np.eye(3)).max()
+        if off > 1e-6 or np.linalg.det(self.turned) < 0:
+            raise InvalidInputError(
+                f"turned: got {self.turned.tolist()}, expected a rotation matrix"
+            )
 
     def acceleration(self, target: State, state: ObjectState) -> Array:
         """Return the wanted acceleration, linear and angular, shape (6,) [m/s², rad/s²].

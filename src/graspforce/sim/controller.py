@@ -2,7 +2,7 @@
 
 Every tick,
 
-1. a PD law on the object's pose, with its weight and inertia, gives the wrench f;
+1. :class:`graspforce.control.ObjectLaw`, of the object's pose, gives the wrench f;
 2. the measured contact points give W and J;
 3. the servo distributes f over the fingers: contact forces c;
 4. tau = J.T c + what the fingers need for themselves: gravity and Coriolis torques, the torques

@@ -2,7 +2,7 @@
 
 Every tick,
 
-1. a PD law on the object's pose, with its weight and inertia, gives the wrench f;
+1. :class:`graspforce.control.ObjectLaw`, of the object's pose, gives the wrench f;
 2. what touches is matched to slots of a fixed number (:class:`graspforce.control.ContactBook`),
    and the reader (:class:`graspforce.hands.MujocoGrasp`) gives W and J at the slots' places;
 3. the servo distributes f over the slots, whose forces change no faster than ``force_rate``;
