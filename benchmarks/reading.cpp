@@ -23,7 +23,7 @@ int main(int, char** arguments) {
   mjData* const data = mj_makeData(model);
   mj_forward(model, data);
   MujocoGrasp grasp(model, data, arguments[2]);
-  const MujocoMotors motors(model, data, grasp.joints());
+  MujocoMotors motors(model, data, grasp.joints());
   Layout layout = grasp.layout();
   layout.ceilings = true;
   Servo servo(layout);

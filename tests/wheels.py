@@ -140,9 +140,12 @@ def installed(wheel: Path, python: str) -> dict[str, str]:
 def arm(sdist: Path, python: str) -> dict[str, str]:
     """Build for 64-bit Arm, and return the bits that the wheel's core finds under qemu."""
     suffix = f".cpython-{ARM_PYTHON.replace('.', '')}-aarch64-linux-gnu.so"
+    # The build may get the NumPy of the processor that it is for, which cannot say where its
+    # headers are; those of all 64-bit Linux are the same.
+    headers = f"-DPython_NumPy_INCLUDE_DIR={np.get_include()}"
     wheel = build(
         sdist, python, "aarch64",
-        CMAKE_ARGS="-DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64",
+        CMAKE_ARGS=f"-DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=aarch64 {headers}",
         SETUPTOOLS_EXT_SUFFIX=suffix, _PYTHON_HOST_PLATFORM="linux-aarch64",
         SKBUILD_INSTALL_STRIP="false",  # strip is this processor's; the linker has stripped
     )  # fmt: skip

@@ -3,9 +3,11 @@
 
 #include <initializer_list>
 
+#include "graspforce/actuators.hpp"
 #include "graspforce/contact_book.hpp"
 #include "graspforce/feed_forward.hpp"
 #include "graspforce/linkages.hpp"
+#include "graspforce/object_law.hpp"
 #include "interpreter.hpp"
 
 namespace graspforce {
@@ -36,6 +38,29 @@ inline const double* reals(nb::handle object, Shape shape) {
 inline const npy_intp* indices(nb::handle object, std::size_t size) {
   return entries<npy_intp>(object, 'i', {size});
 }
+// Rows of plain numbers, which may stand apart, as in a list of structs.
+class Rows {
+ public:
+  Rows(nb::handle object, std::size_t columns) {
+    auto* array = reinterpret_cast<PyArrayObject*>(object.ptr());
+    if (!PyArray_Check(object.ptr()) || PyArray_TYPE(array) != NPY_DOUBLE ||
+        PyArray_NDIM(array) != 2 || std::size_t(PyArray_DIM(array, 1)) != columns ||
+        PyArray_STRIDE(array, 1) != sizeof(double) || !PyArray_ISBEHAVED_RO(array))
+      throw nb::value_error("expected rows of numbers");
+    first_ = PyArray_BYTES(array);
+    apart_ = PyArray_STRIDE(array, 0);
+    count_ = PyArray_DIM(array, 0);
+  }
+  std::size_t count() const { return count_; }
+  const double* operator[](std::size_t i) const {
+    return reinterpret_cast<const double*>(first_ + apart_ * npy_intp(i));
+  }
+
+ private:
+  const char* first_;
+  npy_intp apart_;
+  std::size_t count_;
+};
 inline Matrix matrix(double* first, std::size_t rows, std::size_t columns) {
   return {first, static_cast<int>(rows), static_cast<int>(columns)};
 }
@@ -53,6 +78,8 @@ inline Vector3 vector(const double* first) { return {first[0], first[1], first[2
 inline Matrix3 matrix3(const double* first) {
   return {vector(first), vector(first + 3), vector(first + 6)};
 }
+
+using Two = std::tuple<nb::object, nb::object>;
 
 // A new array.
 struct Made {
@@ -143,6 +170,247 @@ class PythonContactBook : public ContactBook {
   static void put(const Vector3& v, double* at) { std::copy(v.begin(), v.end(), at); }
 };
 
+inline nb::object rotation_vector_of(nb::handle R) {
+  const Vector3 found = rotation_vector(matrix3(reals(R, {3, 3})));
+  const Made made({3});
+  std::copy(found.begin(), found.end(), made.reals());
+  return made.object;
+}
+
+// The core's ObjectLaw. Both functions return None where any argument is no plain array of its
+// shape, and `wrench` where its numbers are not finite: Python then converts or complains.
+class PythonObjectLaw {
+ public:
+  PythonObjectLaw(double mass, nb::handle inertia, double stiffness, double damping,
+                  nb::handle turned)
+      : law_{mass, matrix3(graspforce::reals(inertia, {3, 3})), stiffness, damping,
+             matrix3(graspforce::reals(turned, {3, 3}))} {}
+
+  // Of position, rotation, velocity and angular velocity, wanted and measured, and the wanted
+  // accelerations.
+  nb::object acceleration(nb::handle position, nb::handle rotation, nb::handle velocity,
+                          nb::handle spin, nb::handle linear, nb::handle angular,
+                          nb::handle position_now, nb::handle rotation_now, nb::handle velocity_now,
+                          nb::handle spin_now) const {
+    Plain plain;
+    ObjectTarget target;
+    static_cast<ObjectState&>(target) = plain.state(position, rotation, velocity, spin);
+    target.acceleration = plain.vector(linear);
+    target.angular_acceleration = plain.vector(angular);
+    const ObjectState now = plain.state(position_now, rotation_now, velocity_now, spin_now);
+    if (!plain.all) return nb::none();
+    const Screw wanted = law_.acceleration(target, now);
+    return six(wanted.linear, wanted.angular);
+  }
+  nb::object wrench(nb::handle acceleration, nb::handle rotation, nb::handle spin,
+                    nb::handle gravity) const {
+    Plain plain;
+    const double* const wanted = find_entries<double>(acceleration, 'f', {6});
+    ObjectState now;
+    now.rotation = plain.matrix(rotation);
+    now.angular_velocity = plain.vector(spin);
+    const Vector3 weight = plain.vector(gravity);
+    if (!plain.all || wanted == nullptr) return nb::none();
+    const Wrench f = law_.wrench({vector(wanted), vector(wanted + 3)}, now, weight);
+    // Whether all are finite: the sum is, or it overflows, and then something is wrong, too.
+    const Vector3 sums = plus(f.force, f.torque);
+    return std::isfinite(sums[0] + sums[1] + sums[2]) ? six(f.force, f.torque) : nb::none();
+  }
+
+ private:
+  // Reads arrays as long as all of them are plain.
+  struct Plain {
+    bool all = true;
+
+    const double* numbers(nb::handle object, Shape shape) {
+      const double* const found = find_entries<double>(object, 'f', shape);
+      all = all && found != nullptr;
+      return found;
+    }
+    Vector3 vector(nb::handle object) {
+      const double* const found = numbers(object, {3});
+      return found ? graspforce::vector(found) : Vector3{};
+    }
+    Matrix3 matrix(nb::handle object) {
+      const double* const found = numbers(object, {3, 3});
+      return found ? matrix3(found) : Matrix3{};
+    }
+    ObjectState state(nb::handle position, nb::handle rotation, nb::handle velocity,
+                      nb::handle spin) {
+      return {{vector(position), matrix(rotation)}, vector(velocity), vector(spin)};
+    }
+  };
+  static nb::object six(const Vector3& first, const Vector3& second) {
+    const Made made({6});
+    std::copy_n(first.begin(), 3, made.reals());
+    std::copy_n(second.begin(), 3, made.reals() + 3);
+    return made.object;
+  }
+
+  ObjectLaw law_;
+};
+
+// The core's Actuators, of arrays that MuJoCo writes: the lengths and rates of all a model's
+// outputs, the states and controls of all its actuators.
+class PythonActuators {
+ public:
+  // Of n drives: their own limits, (n, 2), and how many actuators each has; of all these the places
+  // of output, input and state, (k, 3), gears, gains and biases, (k, 3), the ranges of control,
+  // force and x, (k, 2), how they lag, and in which times, (k, 2).
+  PythonActuators(nb::handle own, const std::vector<int>& counts, nb::handle places,
+                  nb::handle gears, nb::handle gains, nb::handle biases, nb::handle controls,
+                  nb::handle forces, nb::handle x, const std::vector<int>& lags,
+                  nb::handle times) {
+    const std::size_t n = counts.size(), k = lags.size();
+    const double *const limit = reals(own, {n, 2}), *const gear = reals(gears, {k});
+    const npy_intp* const place = entries<npy_intp>(places, 'i', {k, 3});
+    const double *const gain = reals(gains, {k, 3}), *const bias = reals(biases, {k, 3});
+    const double *const control = reals(controls, {k, 2}), *const force = reals(forces, {k, 2});
+    const double *const reach = reals(x, {k, 2}), *const time = reals(times, {k, 2});
+    std::size_t next = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      actuators_.add_drive({limit[2 * i], limit[2 * i + 1]});
+      for (int j = 0; j < counts[i]; ++j, ++next) {
+        if (next >= k) throw nb::value_error("expected as many actuators as the drives have");
+        Actuators::Actuator each;
+        each.output = static_cast<int>(place[3 * next]);
+        each.input = static_cast<int>(place[3 * next + 1]);
+        each.state = static_cast<int>(place[3 * next + 2]);
+        each.gear = gear[next];
+        each.gain = affine(gain + 3 * next);
+        each.bias = affine(bias + 3 * next);
+        each.control = range(control + 2 * next);
+        each.force = range(force + 2 * next);
+        each.x = range(reach + 2 * next);
+        each.lag = static_cast<Actuators::Lag>(lags[next]);
+        std::copy_n(time + 2 * next, 2, each.times);
+        actuators_.add(each);
+        outputs_ = std::max(outputs_, std::size_t(each.output + 1));
+        inputs_ = std::max(inputs_, std::size_t(each.input + 1));
+        states_ = std::max(states_, std::size_t(each.state + 1));
+      }
+    }
+    actuators_count_ = next;
+  }
+
+  // Gain and bias of one whose are not affine, as they are just now.
+  void set_curves(std::size_t i, double gain, double bias) {
+    if (i >= actuators_count_) throw nb::index_error("no such actuator");
+    actuators_.actuator(static_cast<int>(i)).gain = {gain};
+    actuators_.actuator(static_cast<int>(i)).bias = {bias};
+  }
+  Two limits(nb::handle lengths, nb::handle rates, nb::handle states, nb::handle controls) const {
+    const Actuators::Numbers now = numbers(lengths, rates, states, controls);
+    const Made low({count()}), high({count()});
+    for (int i = 0; i < actuators_.size(); ++i) {
+      const Actuators::Range each = actuators_.limits(now, i);
+      low.reals()[i] = each.low;
+      high.reals()[i] = each.high;
+    }
+    return {low.object, high.object};
+  }
+  template <double (Actuators::*of)(const Actuators::Numbers&, int) const>
+  nb::object each(nb::handle lengths, nb::handle rates, nb::handle states,
+                  nb::handle controls) const {
+    const Actuators::Numbers now = numbers(lengths, rates, states, controls);
+    const Made made({count()});
+    for (int i = 0; i < actuators_.size(); ++i) made.reals()[i] = (actuators_.*of)(now, i);
+    return made.object;
+  }
+  void send(nb::handle lengths, nb::handle rates, nb::handle states, nb::handle controls,
+            nb::handle torques, double dt, double step, bool at_once) const {
+    const Actuators::Numbers now = numbers(lengths, rates, states, controls);
+    const double* const torque = reals(torques, {count()});
+    for (int i = 0; i < actuators_.size(); ++i)
+      actuators_.send(now, i, torque[i], {dt, step}, at_once);
+  }
+  nb::object torques(nb::handle lengths, nb::handle rates, nb::handle states, nb::handle controls,
+                     double dt, double step) const {
+    const Actuators::Numbers now = numbers(lengths, rates, states, controls);
+    const Made made({count()});
+    for (int i = 0; i < actuators_.size(); ++i)
+      made.reals()[i] = actuators_.torque(now, i, {dt, step});
+    return made.object;
+  }
+
+ private:
+  static Actuators::Affine affine(const double* of) { return {of[0], of[1], of[2]}; }
+  static Actuators::Range range(const double* of) { return {of[0], of[1]}; }
+  std::size_t count() const { return actuators_.size(); }
+
+  Actuators::Numbers numbers(nb::handle lengths, nb::handle rates, nb::handle states,
+                             nb::handle controls) const {
+    return {some(lengths, outputs_), some(rates, outputs_), writable(states, states_),
+            writable(controls, inputs_)};
+  }
+  static const double* some(nb::handle object, std::size_t least) {
+    const std::size_t size = graspforce::count(object);
+    if (size < least) throw nb::value_error("expected the arrays of the model's actuators");
+    return reals(object, {size});
+  }
+  static double* writable(nb::handle object, std::size_t least) {
+    const double* const found = some(object, least);
+    if (!PyArray_ISWRITEABLE(reinterpret_cast<PyArrayObject*>(object.ptr())))
+      throw nb::value_error("expected arrays that can be written");
+    return const_cast<double*>(found);
+  }
+
+  Actuators actuators_;
+  std::size_t actuators_count_ = 0, outputs_ = 0, inputs_ = 0, states_ = 0;
+};
+
+// How joints move drives, (k, nv): the rows of MuJoCo's sparse moments at `outputs` over gears; an
+// output beyond these rows stands for a degree of freedom by itself.
+inline nb::object drive_rows(nb::handle moments, nb::handle counts, nb::handle starts,
+                             nb::handle columns, nb::handle outputs, nb::handle gears,
+                             std::size_t dofs) {
+  const std::size_t k = count(outputs), rows = count(counts), size = count(moments);
+  const npy_intp* const output = indices(outputs, k);
+  const double *const moment = reals(moments, {size}), *const gear = reals(gears, {k});
+  const auto ints = [](nb::handle object, std::size_t n) { return entries<int>(object, 'i', {n}); };
+  const int *const length = ints(counts, rows), *const start = ints(starts, rows);
+  const int* const column = ints(columns, size);
+  const Made made({k, dofs});
+  std::fill_n(made.reals(), k * dofs, 0);
+  for (std::size_t i = 0; i < k; ++i) {
+    double* const row = made.reals() + i * dofs;
+    if (std::size_t(output[i]) >= rows)
+      row[output[i] - rows] = 1 / gear[i];
+    else
+      for (int at = start[output[i]], end = at + length[output[i]]; at < end; ++at)
+        row[column[at]] = moment[at] / gear[i];
+  }
+  return made.object;
+}
+
+// Whether any of the values at `places` is as low as its `low` or as high as its `high`.
+inline bool any_at_end(nb::handle values, nb::handle places, nb::handle low, nb::handle high) {
+  const std::size_t k = count(places);
+  const double *const value = reals(values, {count(values)}), *const least = reals(low, {k});
+  const double* const most = reals(high, {k});
+  const npy_intp* const place = indices(places, k);
+  for (std::size_t i = 0; i < k; ++i)
+    if (value[place[i]] <= least[i] || value[place[i]] >= most[i]) return true;
+  return false;
+}
+
+// Points, (k, 3), and axes, rows normal, x, y, (k, 3, 3), of MuJoCo's contacts at `places`; where
+// `side` is −1 the normal points the other way, and y with it.
+inline Two contact_axes(nb::handle points, nb::handle frames, nb::handle places, nb::handle side) {
+  const Rows point(points, 3), frame(frames, 9);
+  const std::size_t n = std::min(point.count(), frame.count()), k = count(places);
+  const double* const way = reals(side, {k});
+  const npy_intp* const place = indices(places, k);
+  const Made at({k, 3}), axes({k, 3, 3});
+  for (std::size_t i = 0; i < k; ++i) {
+    if (std::size_t(place[i]) >= n) throw nb::index_error("no such contact");
+    std::copy_n(point[place[i]], 3, at.reals() + 3 * i);
+    for (int j = 0; j < 9; ++j)
+      axes.reals()[9 * i + j] = (j / 3 == 1 ? 1 : way[i]) * frame[place[i]][j];
+  }
+  return {at.object, axes.object};
+}
+
 // The joints' screws about `origin`, (k, 6): of MuJoCo's cdof, each at the centre of its tree.
 inline nb::object joint_screws(nb::handle cdof, nb::handle dofs, nb::handle centres,
                                nb::handle roots, nb::handle origin) {
@@ -163,7 +431,6 @@ inline nb::object joint_screws(nb::handle cdof, nb::handle dofs, nb::handle cent
 
 // W of contacts, (6, m), and the work of their components along the joints' screws, (m, k), as far
 // as the joints move them: `moved`, n × nv.
-using Two = std::tuple<nb::object, nb::object>;
 inline Two contact_maps(nb::handle points, nb::handle axes, nb::handle dims, nb::handle origin,
                         nb::handle screws, nb::handle moved, nb::handle dofs) {
   const std::size_t n = count(points), k = count(dofs), nv = count(moved, 1);

@@ -127,6 +127,29 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("slots", &Book::slots)
       .def_prop_ro("without_slot", [](const Book& book) { return book.without_slot(); });
 
+  using Law = graspforce::PythonObjectLaw;
+  nb::class_<Law>(module, "ObjectLaw")
+      .def(nb::init<double, nb::handle, double, double, nb::handle>(), "mass"_a, "inertia"_a,
+           "stiffness"_a, "damping"_a, "turned"_a)
+      .def("acceleration", &Law::acceleration)
+      .def("wrench", &Law::wrench);
+
+  using Core = graspforce::Actuators;
+  using Motors = graspforce::PythonActuators;
+  nb::class_<Motors>(module, "Actuators")
+      .def(nb::init<nb::handle, const std::vector<int>&, nb::handle, nb::handle, nb::handle,
+                    nb::handle, nb::handle, nb::handle, nb::handle, const std::vector<int>&,
+                    nb::handle>(),
+           "own"_a, "counts"_a, "places"_a, "gears"_a, "gains"_a, "biases"_a, "controls"_a,
+           "forces"_a, "x"_a, "lags"_a, "times"_a)
+      .def("set_curves", &Motors::set_curves)
+      .def("limits", &Motors::limits)
+      .def("lengths", &Motors::each<&Core::length>)
+      .def("rates", &Motors::each<&Core::rate>)
+      .def("damping", &Motors::each<&Core::damping>)
+      .def("send", &Motors::send)
+      .def("torques", &Motors::torques);
+
   using Motion = graspforce::RobotMotion;
   nb::class_<Motion>(module, "RobotMotion")
       .def(nb::init<nb::object, nb::object, nb::object, nb::object, nb::object, nb::object,
@@ -137,6 +160,15 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
            "spin"_a, "acceleration"_a)
       .def("inertia", &Motion::inertia, "dofs"_a, "driven"_a, "time"_a, "motor_damping"_a);
 
+  module.def("rotation_vector", &graspforce::rotation_vector_of, "R"_a,
+             "Axis times angle of a rotation matrix.");
+  module.def("drive_rows", &graspforce::drive_rows, "moments"_a, "counts"_a, "starts"_a,
+             "columns"_a, "outputs"_a, "gears"_a, "dofs"_a,
+             "How joints move drives, (k, dofs), of MuJoCo's sparse moments.");
+  module.def("any_at_end", &graspforce::any_at_end, "values"_a, "places"_a, "low"_a, "high"_a,
+             "Whether any value at these places is at or beyond an end of its range.");
+  module.def("contact_axes", &graspforce::contact_axes, "points"_a, "frames"_a, "places"_a,
+             "side"_a, "Points and axes of MuJoCo's contacts at these places.");
   module.def("joint_screws", &graspforce::joint_screws, "cdof"_a, "dofs"_a, "centres"_a, "roots"_a,
              "origin"_a, "The joints' screws about a point, (k, 6), of MuJoCo's cdof.");
   module.def("contact_maps", &graspforce::contact_maps, "points"_a, "axes"_a, "dims"_a, "origin"_a,

@@ -18,7 +18,7 @@ int main(int, char** arguments) {
   mj_resetDataKeyframe(model, data, 0);
   mj_forward(model, data);
   MujocoGrasp grasp(model, data, arguments[2]);
-  const MujocoMotors motors(model, data, grasp.joints());
+  MujocoMotors motors(model, data, grasp.joints());
   Layout layout = grasp.layout();
   layout.ceilings = layout.rate_limits = layout.soft_wrench = true;
   Servo servo(layout);

@@ -14,36 +14,6 @@
 
 using namespace graspforce;
 
-// The wrench that takes the object back to where it was, and holds its weight.
-struct ObjectLaw {
-  const double stiffness = 400, damping = 40;  // [1/s²], [1/s]
-  Vector3 place;
-  double turned[4];
-  double mass;
-
-  ObjectLaw(const mjModel* model, const mjData* data, const MujocoGrasp& grasp)
-      : place(grasp.pose(data).position), mass(model->body_subtreemass[grasp.object()]) {
-    std::copy_n(data->xquat + 4 * grasp.object(), 4, turned);
-  }
-
-  void write(const mjModel* model, const mjData* data, const MujocoGrasp& grasp,
-             const Span<double>& f) const {
-    double velocity[6], off[3], back[3], spin[3];  // angular before linear
-    mj_objectVelocity(model, data, mjOBJ_BODY, grasp.object(), velocity, 0);
-    mju_subQuat(off, turned, data->xquat + 4 * grasp.object());
-    mju_rotVecQuat(back, off, data->xquat + 4 * grasp.object());
-    for (int i = 0; i < 3; ++i) {
-      const double there = place[i] - grasp.origin()[i];
-      f[i] = mass * (stiffness * there - damping * velocity[3 + i] - model->opt.gravity[i]);
-      spin[i] = stiffness * back[i] - damping * velocity[i];
-    }
-    const mjtNum* const I = data->crb + 10 * grasp.object();  // xx yy zz xy xz yz
-    f[3] = I[0] * spin[0] + I[3] * spin[1] + I[4] * spin[2];
-    f[4] = I[3] * spin[0] + I[1] * spin[1] + I[5] * spin[2];
-    f[5] = I[4] * spin[0] + I[5] * spin[1] + I[2] * spin[2];
-  }
-};
-
 static void print(const double* numbers, int count) {
   for (int i = 0; i < count; ++i) std::printf("%.17g ", numbers[i]);
 }
@@ -51,8 +21,11 @@ static void print(const double* numbers, int count) {
 static int hold(const mjModel* model, mjData* data, const char* object, int ticks) {
   const double dt = model->opt.timestep;
   MujocoGrasp grasp(model, data, object);
-  const MujocoMotors motors(model, data, grasp.joints());
-  const ObjectLaw law(model, data, grasp);
+  MujocoMotors motors(model, data, grasp.joints());
+  const ObjectLaw law = grasp.law(data);
+  ObjectTarget there;  // where it is now, and at rest
+  there.position = grasp.pose(data).position;
+  const Vector3 gravity{model->opt.gravity[0], model->opt.gravity[1], model->opt.gravity[2]};
 
   Layout layout = grasp.layout();
   layout.ceilings = layout.rate_limits = layout.soft_wrench = true;
@@ -73,7 +46,10 @@ static int hold(const mjModel* model, mjData* data, const char* object, int tick
     }
     grasp.write(servo);
     motors.limits(data, servo.tau_lo, servo.tau_hi);
-    law.write(model, data, grasp, servo.f);
+    const ObjectState state = grasp.state(data);
+    const Wrench f = law.wrench(law.acceleration(there, state), state, gravity);
+    std::copy_n(f.force.begin(), 3, servo.f.begin());
+    std::copy_n(f.torque.begin(), 3, servo.f.begin() + 3);
     for (double& change : servo.dc_max) change = tick == 0 ? 1000 : 500 * dt;  // [N], 500 N/s
     const Status status = servo.tick();
     if (status == Status::Solved || servo.result().nearest)  // else the last torques stay

@@ -15,23 +15,9 @@
 #include <string>
 #include <vector>
 
-#include "graspforce/contact.hpp"
+#include "graspforce/object_state.hpp"
 
 namespace graspforce {
-
-// Where the object is and how it is turned: `rotation` row by row, its columns are the object's
-// axes in the world.
-struct ObjectPose {
-  Vector3 position{};
-  Matrix3 rotation{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
-
-  Vector3 to_world(const Vector3& v) const {
-    return {dot(rotation[0], v), dot(rotation[1], v), dot(rotation[2], v)};
-  }
-  Vector3 to_object(const Vector3& v) const {
-    return plus(plus(times(v[0], rotation[0]), times(v[1], rotation[1])), times(v[2], rotation[2]));
-  }
-};
 
 // A contact as a simulator or a sensor gives it, world axes; the normal is of unit length, into the
 // object.

@@ -79,17 +79,21 @@ class MotorInertia {
 class NearestMotion {
  public:
   // `q` is the wished one before. A motor that moves nothing, whose row of the metric and column of
-  // J are 0, keeps it.
+  // J are 0, keeps it. Rows without weight are left out.
   void find(const Matrix& metric, const Matrix& J, const double* wanted, const double* weights,
             double give, double* q) {
-    const int m = J.rows(), n = J.columns();
+    const int n = J.columns();
+    counted_.clear();
+    for (int i = 0; i < J.rows(); ++i)
+      if (weights[i] != 0) counted_.push_back(i);
+    const int m = static_cast<int>(counted_.size());
     L_.assign(metric.data(), metric.data() + n * n);
     for (int a = 0; a < n; ++a)
       if (L_[a * n + a] == 0) L_[a * n + a] = 1;
     cholesky(L_.data(), n);
     easily_.resize(std::size_t(n) * m);  // L⁻¹ Jᵀ, weighted
     for (int a = 0; a < n; ++a)
-      for (int i = 0; i < m; ++i) easily_[a * m + i] = weights[i] * J(i, a);
+      for (int i = 0; i < m; ++i) easily_[a * m + i] = weights[counted_[i]] * J(counted_[i], a);
     forward_substitute(L_.data(), n, easily_.data(), m);
     yields_.assign(std::size_t(m) * m, 0);
     for (int a = 0; a < n; ++a)
@@ -97,8 +101,9 @@ class NearestMotion {
         add_scaled(easily_[a * m + i], &easily_[a * m], i + 1, &yields_[i * m]);
     pull_.resize(m);
     for (int i = 0; i < m; ++i) {
+      const int row = counted_[i];
       yields_[i * (m + 1)] += give;
-      pull_[i] = weights[i] * (wanted[i] - dot(&J(i, 0), q, n));
+      pull_[i] = weights[row] * (wanted[row] - dot(&J(row, 0), q, n));
     }
     cholesky(yields_.data(), m);
     forward_substitute(yields_.data(), m, pull_.data());
@@ -110,6 +115,7 @@ class NearestMotion {
   }
 
  private:
+  std::vector<int> counted_;
   std::vector<double> L_, easily_, yields_, pull_, change_;
 };
 

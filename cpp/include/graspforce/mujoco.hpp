@@ -21,7 +21,9 @@
 
 #include <mujoco/mujoco.h>
 
+#include "graspforce/actuators.hpp"
 #include "graspforce/linkages.hpp"
+#include "graspforce/object_law.hpp"
 #include "graspforce/robot_grasp.hpp"
 
 #if mjVERSION_HEADER < 3017000
@@ -97,17 +99,13 @@ inline std::vector<Drive> drives(const mjModel* model) {
 
 // What to send to a model's actuators so that they make wanted torques: motors, position and
 // velocity servos, cylinders, muscles, and other `general` actuators with fixed or affine gain and
-// bias. They make the force gain·x + bias, cut off at their forcerange; x is the control or, of
-// actuators that lag behind it, a state that follows it. So a servo is told the position at which
-// it makes the torque, and as far as its ctrlrange reaches is its limit; an actuator that lags is
-// told to go further. Several of one joint or tendon share its torque in proportion to what each
-// can give.
+// bias (actuators.hpp).
 class MujocoMotors {
  public:
   // Throws std::invalid_argument for a name that has no motor, an actuator of another kind, or one
   // without a limit. `tau_max` bounds the torques besides [N·m; N for slides and tendons].
   MujocoMotors(const mjModel* model, const mjData* data, const std::vector<std::string>& joints,
-               double tau_max = std::numeric_limits<double>::infinity())
+               double tau_max = Actuators::kNone)
       : model_(model) {
     const std::vector<mujoco::Drive> known = mujoco::drives(model);
     for (const std::string& name : joints) {
@@ -123,103 +121,66 @@ class MujocoMotors {
             (at->tendon ? model->tendon_actfrcrange : model->jnt_actfrcrange) + 2 * target;
         own = {std::max(own.low, range[0]), std::min(own.high, range[1])};
       }
-      drives_.push_back({static_cast<int>(motors_.size()), 0, own});
-      for (int actuator : at->actuators) {
-        motors_.push_back(motor(actuator));
-        ++drives_.back().count;
+      actuators_.add_drive(own);
+      for (int number : at->actuators) {
+        if (model->actuator_gaintype[number] == mjGAIN_MUSCLE)
+          muscles_.push_back({number, count_});
+        actuators_.add(actuator(number));
+        ++count_;
       }
     }
-    for (std::size_t i = 0; i < drives_.size(); ++i) {
-      const Range range = limits(data, static_cast<int>(i));
-      if (!(std::abs(range.low) < kNone && std::abs(range.high) < kNone))
+    look_at_muscles(data);
+    for (int i = 0; i < size(); ++i) {
+      const Range range = actuators_.limits(numbers(data), i);
+      if (!(std::abs(range.low) < Actuators::kNone && std::abs(range.high) < Actuators::kNone))
         mujoco::refuse("'" + joints[i] + "'", "a motor without a limit",
                        "a forcerange, or a ctrlrange of a motor or servo, or tau_max");
     }
   }
 
-  int size() const { return static_cast<int>(drives_.size()); }
+  int size() const { return actuators_.size(); }
 
-  // Writes the torques that the motors reach as the joints are. Those of a position servo depend on
-  // where its joint is. One beyond its range has a single torque: nearly none to choose from.
-  void limits(const mjData* data, const Span<double>& low, const Span<double>& high) const {
+  // Writes the torques that the motors reach as the joints are.
+  void limits(const mjData* data, const Span<double>& low, const Span<double>& high) {
+    look_at_muscles(data);
     for (int i = 0; i < size(); ++i) {
-      const Range range = limits(data, i);
+      const Range range = actuators_.limits(numbers(data), i);
       low[i] = range.low;
-      high[i] = std::max(range.high, range.low + 1e-6 * std::max(std::abs(range.low), 1e-3));
+      high[i] = range.high;
     }
   }
 
   // Sets the controls that make torques, within the limits; of actuators that lag, by the end of
   // dt, as long as these controls stay [s]; or `at_once`, as for a simulation that begins.
-  void write(mjData* data, const double* tau, double dt, bool at_once = false) const {
-    for (int i = 0; i < size(); ++i) {
-      const Drive& drive = drives_[i];
-      const double wanted = std::clamp(tau[i], drive.own.low, drive.own.high);
-      double least = 0, most = 0;
-      for (int m = drive.first; m < drive.first + drive.count; ++m) {
-        const Range each = reach(data, motors_[m]);
-        least += each.low;
-        most += each.high;
-      }
-      const double share = std::clamp((wanted - least) / (most - least), 0., 1.);
-      for (int m = drive.first; m < drive.first + drive.count; ++m) {
-        const Motor& motor = motors_[m];
-        const Affine now = affine(data, motor);
-        const Range each = reach(data, motor);
-        double torque = each.low + share * (each.high - each.low);
-        if (!(std::abs(torque) < kNone)) torque = wanted / drive.count;  // no limit of its own
-        const double force = torque / motor.gear - now.bias;
-        double x = now.gain == 0 ? 0 : force / now.gain;
-        x = std::clamp(x, motor.reach.low, motor.reach.high);
-        if (motor.state >= 0 && at_once) data->act[motor.state] = x;
-        if (motor.state >= 0) x = led(data, motor, x, dt);
-        data->ctrl[motor.input] = std::clamp(x, motor.control.low, motor.control.high);
-      }
-    }
+  void write(mjData* data, const double* tau, double dt, bool at_once = false) {
+    look_at_muscles(data);
+    for (int i = 0; i < size(); ++i)
+      actuators_.send(numbers(data), i, tau[i], {dt, model_->opt.timestep}, at_once);
   }
 
   // By how much a motor's torque falls with its joint's rate.
   double damping(const mjData* data, int joint) const {
-    double sum = 0;
-    for (int m = drives_[joint].first; m < drives_[joint].first + drives_[joint].count; ++m) {
-      const Motor& each = motors_[m];
-      const double by_rate = -(each.gain[2] * data->ctrl[each.input] + each.bias[2]);
-      sum += each.gear * each.gear * std::max(by_rate, 0.);
-    }
-    return sum;
+    return actuators_.damping(numbers(data), joint);
   }
-
   // Where a motor's joint or tendon is, and how fast it moves.
   double length(const mjData* data, int joint) const {
-    const Motor& first = motors_[drives_[joint].first];
-    return data->actuator_length[first.output] / first.gear;
+    return actuators_.length(numbers(data), joint);
   }
   double rate(const mjData* data, int joint) const {
-    const Motor& first = motors_[drives_[joint].first];
-    return data->actuator_velocity[first.output] / first.gear;
+    return actuators_.rate(numbers(data), joint);
   }
 
  private:
-  static constexpr double kNone = std::numeric_limits<double>::infinity();
-  struct Range {
-    double low = -kNone, high = kNone;
-  };
-  struct Affine {
-    double gain, bias;
-  };
-  struct Motor {
-    int output, input;
-    double gear, gain[3], bias[3];  // of 1, length, velocity
-    Range control, force, reach;    // of x
-    int number, state;              // −1 where x is the control
-    bool muscle;
-  };
-  struct Drive {
-    int first, count;
-    Range own;
+  using Range = Actuators::Range;
+  struct Muscle {
+    int number, place;  // in the model, and among the actuators
   };
 
-  Motor motor(int i) const {
+  static Actuators::Numbers numbers(const mjData* data) {
+    return {data->actuator_length, data->actuator_velocity, data->act, data->ctrl};
+  }
+
+  Actuators::Actuator actuator(int i) const {
     const int gain = model_->actuator_gaintype[i], bias = model_->actuator_biastype[i];
     const int dynamics = model_->actuator_dyntype[i];
     const bool known =
@@ -232,90 +193,55 @@ class MujocoMotors {
       mujoco::refuse("actuator '" + mujoco::name_of(model_, mjOBJ_ACTUATOR, i) + "'",
                      "one whose force does not follow from its control in a way known here",
                      "a <motor> or <position> in its place");
-    Motor found{};
-    found.number = i;
+    Actuators::Actuator found;
     found.output = model_->actuator_outadr[i];
     found.input = model_->actuator_ctrladr[i];
     found.gear = model_->actuator_gear[6 * found.output];
-    found.muscle = gain == mjGAIN_MUSCLE;
-    for (int k = 0; k < 3; ++k) {
-      if (k == 0 || gain != mjGAIN_FIXED) found.gain[k] = model_->actuator_gainprm[mjNGAIN * i + k];
-      if (bias == mjBIAS_AFFINE) found.bias[k] = model_->actuator_biasprm[mjNBIAS * i + k];
-    }
+    const mjtNum *const a = model_->actuator_gainprm + mjNGAIN * i,
+                        *const b = model_->actuator_biasprm + mjNBIAS * i;
+    if (gain == mjGAIN_FIXED) found.gain = {a[0]};
+    if (gain == mjGAIN_AFFINE) found.gain = {a[0], a[1], a[2]};
+    if (bias == mjBIAS_AFFINE) found.bias = {b[0], b[1], b[2]};
     if (model_->actuator_ctrllimited[found.input])
       found.control = at(model_->actuator_ctrlrange, found.input);
     if (model_->actuator_forcelimited[i]) found.force = at(model_->actuator_forcerange, i);
-    found.state = model_->actuator_actnum[i] > 0
-                      ? model_->actuator_actadr[i] + model_->actuator_actnum[i] - 1
-                      : -1;
+    if (model_->actuator_actnum[i] > 0)
+      found.state = model_->actuator_actadr[i] + model_->actuator_actnum[i] - 1;
     // A state is confined by its own range; that of a filter by its control's, too.
-    if (model_->actuator_actlimited[i]) found.reach = at(model_->actuator_actrange, i);
+    if (model_->actuator_actlimited[i]) found.x = at(model_->actuator_actrange, i);
     if (found.state < 0 || dynamics != mjDYN_INTEGRATOR)
-      found.reach = {std::max(found.reach.low, found.control.low),
-                     std::min(found.reach.high, found.control.high)};
-    if (found.muscle) found.reach = {0, 1};
+      found.x = {std::max(found.x.low, found.control.low),
+                 std::min(found.x.high, found.control.high)};
+    if (gain == mjGAIN_MUSCLE) found.x = {0, 1};
+    found.lag = dynamics == mjDYN_INTEGRATOR    ? Actuators::Lag::Integrator
+                : dynamics == mjDYN_FILTER      ? Actuators::Lag::Filter
+                : dynamics == mjDYN_FILTEREXACT ? Actuators::Lag::ExactFilter
+                : dynamics == mjDYN_MUSCLE      ? Actuators::Lag::Muscle
+                                                : Actuators::Lag::None;
+    std::copy_n(model_->actuator_dynprm + mjNDYN * i, 2, found.times);
     return found;
   }
   static Range at(const mjtNum* ranges, int i) { return {ranges[2 * i], ranges[2 * i + 1]}; }
 
-  Affine affine(const mjData* data, const Motor& motor) const {
-    const double length = data->actuator_length[motor.output];
-    const double rate = data->actuator_velocity[motor.output];
-    if (motor.muscle) {
-      const mjtNum* const between = model_->actuator_lengthrange + 2 * motor.output;
-      const double strength = model_->actuator_acc0[motor.output];
-      return {mju_muscleGain(length, rate, between, strength,
-                             model_->actuator_gainprm + mjNGAIN * motor.number),
-              mju_muscleBias(length, between, strength,
-                             model_->actuator_biasprm + mjNBIAS * motor.number)};
+  // A muscle's gain and bias are curves: as they are just now.
+  void look_at_muscles(const mjData* data) {
+    for (const Muscle& each : muscles_) {
+      Actuators::Actuator& muscle = actuators_.actuator(each.place);
+      const double length = data->actuator_length[muscle.output];
+      const double rate = data->actuator_velocity[muscle.output];
+      const mjtNum* const between = model_->actuator_lengthrange + 2 * muscle.output;
+      const double strength = model_->actuator_acc0[muscle.output];
+      muscle.gain = {mju_muscleGain(length, rate, between, strength,
+                                    model_->actuator_gainprm + mjNGAIN * each.number)};
+      muscle.bias = {mju_muscleBias(length, between, strength,
+                                    model_->actuator_biasprm + mjNBIAS * each.number)};
     }
-    return {motor.gain[0] + motor.gain[1] * length + motor.gain[2] * rate,
-            motor.bias[0] + motor.bias[1] * length + motor.bias[2] * rate};
-  }
-
-  // The control that brings the state of an actuator that lags to x in dt.
-  double led(const mjData* data, const Motor& motor, double x, double dt) const {
-    const mjtNum* const prm = model_->actuator_dynprm + mjNDYN * motor.number;
-    const double now = data->act[motor.state];
-    const int dynamics = model_->actuator_dyntype[motor.number];
-    if (dynamics == mjDYN_INTEGRATOR) return (x - now) / dt;
-    double tau = std::max(prm[0], 1e-9);
-    if (dynamics == mjDYN_MUSCLE) {  // of its two time constants
-      const double scale = 0.5 + 1.5 * std::clamp(now, 0., 1.);
-      tau = std::max(x > now ? prm[0] * scale : prm[1] / scale, 1e-9);
-    }
-    // The share of its way that it goes in that time.
-    const double steps = std::max(std::round(dt / model_->opt.timestep), 1.);
-    const double pace = dynamics == mjDYN_FILTEREXACT
-                            ? -std::expm1(-dt / tau)
-                            : 1 - std::pow(1 - std::min(dt / steps / tau, 1.), steps);
-    return now + (x - now) / pace;
-  }
-
-  // The least and the largest torque of a motor at its joint.
-  Range reach(const mjData* data, const Motor& motor) const {
-    const Affine now = affine(data, motor);
-    const auto torque = [&](double u) {
-      const double force = (now.gain == 0 ? 0 : now.gain * u) + now.bias;
-      return motor.gear * std::clamp(force, motor.force.low, motor.force.high);
-    };
-    const double one = torque(motor.reach.low), other = torque(motor.reach.high);
-    return {std::min(one, other), std::max(one, other)};
-  }
-
-  Range limits(const mjData* data, int i) const {
-    double least = 0, most = 0;
-    for (int m = drives_[i].first; m < drives_[i].first + drives_[i].count; ++m) {
-      const Range each = reach(data, motors_[m]);
-      least += each.low;
-      most += each.high;
-    }
-    return {std::max(least, drives_[i].own.low), std::min(most, drives_[i].own.high)};
   }
 
   const mjModel* model_;
-  std::vector<Drive> drives_;
-  std::vector<Motor> motors_;  // of one drive side by side
+  Actuators actuators_;
+  std::vector<Muscle> muscles_;
+  int count_ = 0;
 };
 
 // The grasp that a simulation is in. The object is a body that floats, with all that hangs on it.
@@ -345,6 +271,27 @@ class MujocoGrasp : public RobotGrasp {
   ObjectPose pose(const mjData* data) const {
     const mjtNum *p = data->subtree_com + 3 * object_, *R = data->xmat + 9 * object_;
     return {{p[0], p[1], p[2]}, {{{R[0], R[1], R[2]}, {R[3], R[4], R[5]}, {R[6], R[7], R[8]}}}};
+  }
+  // And how it moves, which MuJoCo computes when asked.
+  ObjectState state(mjData* data) const {
+    double velocity[6];  // angular before linear
+    mj_subtreeVel(model_, data);
+    mj_objectVelocity(model_, data, mjOBJ_XBODY, object_, velocity, 0);
+    const mjtNum* const v = data->subtree_linvel + 3 * object_;
+    return {pose(data), {v[0], v[1], v[2]}, {velocity[0], velocity[1], velocity[2]}};
+  }
+  // The law that moves it, of targets whose identity is how it is turned now.
+  ObjectLaw law(const mjData* data) const {
+    const mjtNum* const I = data->crb + 10 * object_;  // world axes: xx yy zz xy xz yz
+    const Matrix3 of_world{{{I[0], I[3], I[4]}, {I[3], I[1], I[5]}, {I[4], I[5], I[2]}}};
+    const Matrix3 R = pose(data).rotation;
+    const Matrix3 columns{{{R[0][0], R[1][0], R[2][0]},
+                           {R[0][1], R[1][1], R[2][1]},
+                           {R[0][2], R[1][2], R[2][2]}}};
+    ObjectLaw law{model_->body_subtreemass[object_],
+                  times_transposed(columns, times_transposed(columns, of_world))};
+    law.turned = R;
+    return law;
   }
 
   // Reads the simulation, which has to be as mj_step1 or mj_forward leaves it, dt after the last

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspforce._engine import native
 from graspforce._util.arrays import Array, as_array, as_not_negative, as_positive
 from graspforce.contact import cross
 from graspforce.errors import InvalidInputError
@@ -16,6 +17,16 @@ from graspforce.trajectory import GRAVITY, State
 _SHAPES = (
     ("position", (3,)), ("rotation", (3, 3)), ("velocity", (3,)), ("angular_velocity", (3,))
 )  # fmt: skip
+_TARGET = (*_SHAPES, ("acceleration", (3,)), ("angular_acceleration", (3,)))
+_OF_BOTH = (
+    *((f"target.{name}", shape) for name, shape in _TARGET),
+    *((f"state.{name}", shape) for name, shape in _SHAPES),
+)
+_OF_WRENCH = (
+    ("acceleration", (6,)), ("state.rotation", (3, 3)), ("state.angular_velocity", (3,)),
+    ("gravity", (3,)),
+)  # fmt: skip
+_GRAVITY = np.array([0.0, 0.0, -GRAVITY])
 
 
 @dataclass(slots=True, eq=False)
@@ -98,6 +109,9 @@ class ObjectLaw:
             raise InvalidInputError(
                 f"turned: got {self.turned.tolist()}, expected a rotation matrix"
             )
+        self._core: Any = native.module.ObjectLaw(
+            self.mass, self.inertia, self.stiffness, self.damping, self.turned
+        )
 
     def acceleration(self, target: State, state: ObjectState) -> Array:
         """Return the wanted acceleration, linear and angular, shape (6,) [m/s², rad/s²].
@@ -106,22 +120,16 @@ class ObjectLaw:
             target: where the object should be and how it should move, or what has its attributes.
             state: where it is.
         """
-        wanted = np.empty(6)
-        wanted[:3] = (
-            target.acceleration
-            + self.stiffness * (target.position - state.position)
-            + self.damping * (target.velocity - state.velocity)
-        )
-        off = rotation_vector(target.rotation @ self.turned @ state.rotation.T)
-        wanted[3:] = (
-            target.angular_acceleration
-            + self.stiffness * off
-            + self.damping * (target.angular_velocity - state.angular_velocity)
-        )
-        return wanted
+        given = (
+            target.position, target.rotation, target.velocity, target.angular_velocity,
+            target.acceleration, target.angular_acceleration,
+            state.position, state.rotation, state.velocity, state.angular_velocity,
+        )  # fmt: skip
+        wanted = self._core.acceleration(*given)
+        return self._core.acceleration(*_plain(_OF_BOTH, given)) if wanted is None else wanted
 
     def wrench(
-        self, acceleration: Array, state: ObjectState, gravity: ArrayLike = (0.0, 0.0, -GRAVITY)
+        self, acceleration: Array, state: ObjectState, gravity: ArrayLike = _GRAVITY
     ) -> Array:
         """Return the wrench of the contacts that makes an acceleration, shape (6,) [N, N·m].
 
@@ -136,32 +144,29 @@ class ObjectLaw:
         Raises:
             InvalidInputError: numbers that are not finite.
         """
-        inertia = state.rotation @ self.inertia @ state.rotation.T
-        omega = state.angular_velocity
-        f = np.empty(6)
-        f[:3] = self.mass * np.subtract(acceleration[:3], gravity)
-        f[3:] = inertia @ acceleration[3:] + cross(omega, inertia @ omega)
-        if not np.isfinite(f).all():
+        given = acceleration, state.rotation, state.angular_velocity, gravity
+        f = self._core.wrench(*given)
+        if f is None:
+            f = self._core.wrench(*_plain(_OF_WRENCH, given))
+        if f is None:
             raise InvalidInputError(
-                f"state, acceleration, gravity: got {state}, {acceleration}, {gravity}, expected "
-                "finite numbers"
+                f"acceleration: got {acceleration} of a body with mass {self.mass} kg and inertia "
+                f"{self.inertia.tolist()}, expected numbers whose products are finite"
             )
         return f
 
 
+def _plain(shapes: tuple[tuple[str, tuple[int, ...]], ...], given: tuple[Any, ...]) -> list[Array]:
+    """Return what was given as the core takes it.
+
+    Raises:
+        InvalidInputError: a wrong shape, numbers that are not finite.
+    """
+    return [
+        as_array(value, name, shape) for (name, shape), value in zip(shapes, given, strict=True)
+    ]
+
+
 def rotation_vector(R: Array) -> Array:
     """Return axis times angle of a rotation matrix, shape (3,) [rad]; of length up to π."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
-    # The quaternion times 4 of its components: of that which is largest, so that none is lost.
-    of_each = (
-        (1 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
-        (zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx),
-        (xz - zx, xy + yx, 1 - xx + yy - zz, yz + zy),
-        (yx - xy, xz + zx, yz + zy, 1 - xx - yy + zz),
-    )
-    w, *axis = max(enumerate(of_each), key=lambda each: each[1][each[0]])[1]
-    length = math.hypot(*axis)
-    if length == 0:
-        return np.zeros(3)
-    angle = 2 * math.atan2(length, abs(w))
-    return np.array(axis) * (math.copysign(angle, w) / length)
+    return native.module.rotation_vector(np.ascontiguousarray(R, dtype=float))

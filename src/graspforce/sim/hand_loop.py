@@ -157,8 +157,7 @@ class HandLoop:
         self._model, self._data = model, data
         self.motors = MujocoMotors(model, tau_max=tau_max)
         self.joint_names = self.motors.joint_names
-        self._reach = self.motors.reach(data)
-        self.tau_lo, self.tau_hi = self._reach.lo, self._reach.hi
+        self.tau_lo, self.tau_hi = self.motors.limits(data)
         self.reader = quiet_reader(model, data, body, self.motors)
         self._gains = Gains() if gains is None else gains
         self._dt = 1 / (1 / model.opt.timestep if rate is None else as_positive(rate, "rate", "Hz"))
@@ -212,10 +211,7 @@ class HandLoop:
     def read(self) -> None:
         """Read the simulation as it stands."""
         self.reader.update(self._data)
-        self._reach = self.motors.reach(self._data)
-        lo, hi = self._reach.lo, self._reach.hi
-        # A servo that is beyond its range has one torque: nearly none to choose from.
-        self.tau_lo, self.tau_hi = lo, np.maximum(hi, lo + 1e-6 * np.maximum(np.abs(lo), 1e-3))
+        self.tau_lo, self.tau_hi = self.motors.limits(self._data)
 
     def seen(self) -> Seen:
         """Return the contacts that the simulation lists."""
@@ -223,8 +219,8 @@ class HandLoop:
         return Seen(reader.points, reader.normals, reader.bodies, *reader.friction)
 
     def write(self, tau: Array, *, at_once: bool = False) -> None:
-        """Send torques to the motors; their joints are where they were last read."""
-        self.motors.send(self._data, tau, self._dt, self._reach, at_once=at_once)
+        """Send torques to the motors."""
+        self.motors.send(self._data, tau, self._dt, at_once=at_once)
 
     def decide(self, t: float, pose: ObjectState, seen: Seen) -> HandCommand:
         """Return the torques of the tick at time t [s] from what is measured.

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from graspforce._engine import native
 from graspforce._util.arrays import Array
 from graspforce.contact import Contact, ContactModel, model_of
 from graspforce.hands.mujoco.model import (
@@ -109,12 +110,9 @@ class ContactReader:
             self._key = None if floating else key
         last = self._last
         # MuJoCo's normal points from the first geom to the second; x stays, and y follows.
-        axes = seen.frame[last.places].reshape(-1, 3, 3)
-        axes[:, ::2] *= last.side[:, None, None]
-        pull = last.pull
-        if self._adhesions:
-            pull = self._pulls(data)[last.places]
-        return last._replace(points=seen.pos[last.places], axes=axes, pull=pull)
+        points, axes = native.module.contact_axes(seen.pos, seen.frame, last.places, last.side)
+        pull = self._pulls(data)[last.places] if self._adhesions else last.pull
+        return last._replace(points=points, axes=axes, pull=pull)
 
     def _look_at(self, seen: Any, moments: Array) -> Contacts:
         """Return which contacts are listed, without what moves: places, axes, pull."""

@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from graspforce._engine import native
 from graspforce._util.arrays import Array, came, index_of
 from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportError
 from graspforce.hands.configuration import as_names, stop_notes
@@ -266,21 +267,16 @@ class DriveReader:
 
     def __init__(self, model: Any, each: Sequence[Drive]) -> None:
         """Look up which rows of MuJoCo's are the drives'."""
-        self._nout = int(model.nout)
-        # The joints' rows stand below the motors'.
-        self._rows = np.eye(self._nout + model.nv, model.nv, -self._nout)
-        self._which = np.array([drive.output for drive in each], dtype=np.intp)
-        self._gears = np.array([drive.gear for drive in each]).reshape(-1, 1)
-        self._dense = mujoco_module().mju_sparse2dense
+        self._dofs = int(model.nv)
+        self._outputs = np.array([drive.output for drive in each], dtype=np.intp)
+        self._gears = np.array([drive.gear for drive in each], dtype=float)
 
     def read(self, data: Any) -> Array:
         """Return the drives' motions by joint motion, shape (n_drives, nv), as data stand."""
-        if self._nout:
-            self._dense(
-                self._rows[: self._nout], data.actuator_moment, data.moment_rownnz,
-                data.moment_rowadr, data.moment_colind,
-            )  # fmt: skip
-        return self._rows[self._which] / self._gears
+        return native.module.drive_rows(
+            data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind,
+            self._outputs, self._gears, self._dofs,
+        )  # fmt: skip
 
 
 def joint_ranges(
@@ -412,7 +408,7 @@ class StopReader:
         self._off = int(mj.mjtDisableBit.mjDSBL_LIMIT)
         self._joints = np.flatnonzero(simple & (model.jnt_limited != 0))
         self._tendons = np.flatnonzero(model.tendon_limited != 0)
-        self._at = model.jnt_qposadr[self._joints]
+        self._at = model.jnt_qposadr[self._joints].astype(np.intp)
         self._ends = ends(
             np.vstack((model.jnt_range[self._joints], model.tendon_range[self._tendons])),
             np.append(model.jnt_type[self._joints] == hinge, np.zeros(len(self._tendons), bool)),
@@ -422,9 +418,13 @@ class StopReader:
         """Return the stops that are leant on at data's configuration."""
         if self._model.opt.disableflags & self._off:
             return self._none
-        positions = data.qpos[self._at]
-        if len(self._tendons):
-            positions = np.append(positions, data.ten_length[self._tendons])
+        low, high, joints = self._ends.low, self._ends.high, len(self._joints)
+        if not (
+            native.module.any_at_end(data.qpos, self._at, low[:joints], high[:joints])
+            or native.module.any_at_end(data.ten_length, self._tendons, low[joints:], high[joints:])
+        ):
+            return self._none
+        positions = np.append(data.qpos[self._at], data.ten_length[self._tendons])
         found = self._ends.leaning(positions, lambda: self._rows(data), self._name)
         return self._none if found is None else found
 
