@@ -137,7 +137,7 @@ class Mirror:
             "W": np.vstack((W, hand.passive_rows, idle)),
             "f": np.concatenate((f[:6], hand.passive_loads, np.zeros(len(idle)))),
             "J": hand.J[:, own], "tau_bias": hand.tau_bias[own],
-            "tau_lo": low, "tau_hi": np.maximum(high, low + 1e-6 * np.maximum(np.abs(low), 1e-3)),
+            "tau_lo": low, "tau_hi": high,
             "engagement": book.engagement, "cone_weight": book.cone_weight,
         }  # fmt: skip
         if self.servo is None:

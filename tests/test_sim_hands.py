@@ -258,16 +258,16 @@ def test_hand_loop_ticks_without_an_answer_keep_the_last_torques():
     model = jaws(BOTH)
     data, loop = started(model)
     good = stepped(model, data, loop, 20)[-1]
-    reach = loop.motors.reach
+    limits = loop.motors.limits
     # As if the motors had lost their strength: no torque of any use is within these.
-    loop.motors.reach = lambda data: reach(data)._replace(lo=np.full(2, 5.0), hi=np.full(2, 6.0))
+    loop.motors.limits = lambda data: (np.full(2, 5.0), np.full(2, 6.0))
     loop._mu = 0.01
     kept = stepped(model, data, loop, 5)
     assert all(each.kept for each in kept)
     assert {str(each.solution.status) for each in kept} == {"INFEASIBLE"}
     for each in kept:
         assert_allclose(each.tau, np.clip(good.tau, 5.0, 6.0))
-    loop.motors.reach = reach
+    loop.motors.limits = limits
     loop._mu = None
     again = stepped(model, data, loop, 20)
     assert not again[-1].kept

@@ -8,6 +8,7 @@
 #include "graspforce/feed_forward.hpp"
 #include "graspforce/linkages.hpp"
 #include "graspforce/object_law.hpp"
+#include "graspforce/transmission.hpp"
 #include "interpreter.hpp"
 
 namespace graspforce {
@@ -559,25 +560,68 @@ class RobotMotion {
   std::vector<double> joints_, more_, besides_;
 };
 
-// What couplings leave no joint motion along, (p, n): each of a kind (0 a ratio, 1 a place, 2 a
-// turn) and with its gradients, (r, n). `turns` are 1 for the joints that turn.
-inline nb::object linkage_rows(const std::vector<bool>& turns, const std::vector<int>& kinds,
-                               const std::vector<nb::object>& gradients) {
-  const std::size_t n = turns.size();
-  std::size_t rows = 0;
-  for (const nb::object& each : gradients) rows += count(each);
-  Linkages linkages({turns.begin(), turns.end()}, static_cast<int>(rows),
-                    static_cast<int>(kinds.size()));
+// What couplings leave no joint motion along, (p, n), and by which share of its size the most open
+// loop is open: each of a kind (0 a ratio, 1 a place, 2 a turn), with so many of the gradients,
+// (r, n), and gaps, (r,). `turns` says which joints turn.
+using RowsAndShare = std::tuple<nb::object, double>;
+inline RowsAndShare linkage_rows(nb::handle turns, const std::vector<int>& kinds,
+                                 const std::vector<int>& counts, nb::handle gradients,
+                                 nb::handle gaps) {
+  const std::size_t n = count(turns), rows = count(gradients);
+  const npy_bool* const turn = entries<npy_bool>(turns, 'b', {n});
+  const double *given = reals(gradients, {rows, n}), *gap = reals(gaps, {rows});
+  Linkages linkages({turn, turn + n}, static_cast<int>(rows), static_cast<int>(kinds.size()));
   linkages.clear();
+  std::size_t left = rows;
   for (std::size_t i = 0; i < kinds.size(); ++i) {
-    const std::size_t r = count(gradients.at(i));
-    const double* const given = reals(gradients[i], {r, n});
-    double* const own = linkages.add(static_cast<Linkages::Kind>(kinds[i]), int(r), 0);
-    std::copy_n(given, r * n, own);
+    const std::size_t r = counts.at(i);
+    if (r > left) throw nb::value_error("expected as many rows as the couplings have");
+    left -= r;
+    double squares = 0;
+    for (std::size_t k = 0; k < r; ++k) squares += gap[k] * gap[k];
+    const auto kind = static_cast<Linkages::Kind>(kinds[i]);
+    std::copy_n(given, r * n, linkages.add(kind, static_cast<int>(r), std::sqrt(squares)));
+    given += r * n;
+    gap += r;
   }
   linkages.find();
   const Made made({std::size_t(linkages.count()), n});
   std::copy_n(linkages.rows(), linkages.count() * n, made.reals());
+  return {made.object, linkages.open()};
+}
+
+// An orthonormal basis, (r, k), of what rows, (m, k), span, as far as it is longer than `least`.
+inline nb::object span(nb::handle rows, double least) {
+  const std::size_t m = count(rows), k = count(rows, 1);
+  const double* const given = reals(rows, {m, k});
+  std::vector<double> left(given, given + m * k);
+  Basis basis(static_cast<int>(k));
+  basis.add_span(matrix(left.data(), m, k), least);
+  const Made made({std::size_t(basis.size()), k});
+  if (basis.size() > 0) std::copy_n(basis[0], basis.size() * k, made.reals());
+  return made.object;
+}
+
+// How n drives, (n, k), and couplings, (p, k), fix the motions of k joints, (k, n): those by each
+// drive's; None where they do not, or not well.
+inline nb::object determined_motions(nb::handle drives, nb::handle couplings) {
+  const std::size_t n = count(drives), k = count(drives, 1), p = count(couplings);
+  const double *const drive = reals(drives, {n, k}), *const tie = reals(couplings, {p, k});
+  if (n + p != k) return nb::none();
+  const auto length = [&](const double* row) {
+    double squares = 0;
+    for (std::size_t i = 0; i < k; ++i) squares += row[i] * row[i];
+    return std::sqrt(squares);
+  };
+  Transmission found(static_cast<int>(k), static_cast<int>(n), static_cast<int>(p));
+  if (!found.update(tie, static_cast<int>(p), drive) || found.free() > 0) return nb::none();
+  const Made made({k, n});
+  std::fill_n(made.reals(), k * n, 0);
+  for (const Transmission::Entry& each : found.driven()) {
+    // By a drive whose row is of unit length.
+    if (std::abs(each.ratio) * length(drive + each.drive * k) > 1e3) return nb::none();
+    made.reals()[each.dof * n + each.drive] = each.ratio;
+  }
   return made.object;
 }
 

@@ -175,8 +175,14 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
              "screws"_a, "moved"_a, "dofs"_a,
              "W of contacts, (6, m), and their work along screws as far as these move them, "
              "(m, k).");
-  module.def("linkage_rows", &graspforce::linkage_rows, "turns"_a, "kinds"_a, "gradients"_a,
-             "What couplings leave no joint motion along, without what is play.");
+  module.def("linkage_rows", &graspforce::linkage_rows, "turns"_a, "kinds"_a, "counts"_a,
+             "gradients"_a, "gaps"_a,
+             "What couplings leave no joint motion along, without what is play, and by which share "
+             "of its size the most open loop is open.");
+  module.def("span", &graspforce::span, "rows"_a, "least"_a,
+             "An orthonormal basis of what rows span, as rows.");
+  module.def("determined_motions", &graspforce::determined_motions, "drives"_a, "couplings"_a,
+             "The joints' motions by each drive's, where drives and couplings fix them all.");
   module.def("nearest_motion", &graspforce::nearest_motion, "metric"_a, "J"_a, "wanted"_a,
              "weights"_a, "give"_a, "wished"_a,
              "Of all accelerations q with J q = wanted, the one nearest in the metric to the one "

@@ -172,8 +172,18 @@ def contact_maps(points: object, axes: object, dims: object, origin: object, scr
     W of contacts, (6, m), and their work along screws as far as these move them, (m, k).
     """
 
-def linkage_rows(turns: Sequence[bool], kinds: Sequence[int], gradients: Sequence[object]) -> object:
-    """What couplings leave no joint motion along, without what is play."""
+def linkage_rows(turns: object, kinds: Sequence[int], counts: Sequence[int], gradients: object, gaps: object) -> tuple[object, float]:
+    """
+    What couplings leave no joint motion along, without what is play, and by which share of its size the most open loop is open.
+    """
+
+def span(rows: object, least: float) -> object:
+    """An orthonormal basis of what rows span, as rows."""
+
+def determined_motions(drives: object, couplings: object) -> object:
+    """
+    The joints' motions by each drive's, where drives and couplings fix them all.
+    """
 
 def nearest_motion(metric: object, J: object, wanted: object, weights: object, give: float, wished: object) -> object:
     """

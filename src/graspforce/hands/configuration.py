@@ -8,6 +8,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from graspforce._engine import native
 from graspforce._util.arrays import Array, as_tuple
 from graspforce.contact import Contact
 from graspforce.equations import undetermined
@@ -107,7 +108,11 @@ class Motors(NamedTuple, Generic[D]):
             bias: what all joints must give besides, shape (n_dofs,).
             notes: what a user should know of the posture.
         """
-        driven, loaded = transmission.driven, loaded_motions(full, transmission.free)
+        driven, free = transmission.driven, transmission.free
+        rows, loads = np.zeros((0, len(full))), np.zeros(0)
+        if free.shape[1]:
+            loaded = loaded_motions(full, free)
+            rows, loads = (full @ loaded).T, -loaded.T @ bias
         stopped = np.zeros(len(self.joint_names))
         for _, drive, side in transmission.beside:
             stopped[drive] = side
@@ -124,7 +129,7 @@ class Motors(NamedTuple, Generic[D]):
             b = np.concatenate((b, hi - arms @ tau_bias, arms @ tau_bias - lo))
         return Actuation(
             self.joint_names, J, self.tau_lo, self.tau_hi, tau_bias,
-            (full @ loaded).T, -loaded.T @ bias, transmission.internal, A, b, stopped, notes,
+            rows, loads, transmission.internal, A, b, stopped, notes,
         )  # fmt: skip
 
 
@@ -303,11 +308,8 @@ def loaded_motions(full: Array, free: Array) -> Array:
         full: Jacobian over all joints, shape (m, n_dofs).
         free: the motions that no drive takes part in, shape (n_dofs, at least k).
     """
-    if not free.shape[1]:
-        return free
-    left, sizes, _ = np.linalg.svd((full @ free).T, full_matrices=False)
-    scale = np.abs(full).max(initial=0.0)
-    return free @ left[:, sizes > RANK_TOLERANCE * scale]
+    least = RANK_TOLERANCE * float(np.abs(full).max(initial=0.0))
+    return free @ native.module.span(np.ascontiguousarray(full @ free), least).T
 
 
 def _lock_notes(locked: Sequence[str]) -> list[str]:

@@ -99,17 +99,23 @@ def linkages(couplings: Sequence[Coupling], turns: Mask) -> list[Linkage]:
     return found
 
 
-def rows_of(found: Sequence[Linkage], turns: Mask) -> Array:
-    """Return the gradients of couplings, shape (p, n_dofs), without what is play.
+def rows_of(couplings: Sequence[Coupling], turns: Mask) -> tuple[Array, float]:
+    """Return the gradients of couplings without what is play, and the largest gap's share.
 
     Args:
-        found: the linkages.
+        couplings: the couplings.
         turns: which degrees of freedom are turns, shape (n_dofs,); the others are slides.
+
+    Returns:
+        shape (p, n_dofs), and the :attr:`Gap.share` of the loop that is open most.
     """
-    each = [coupling for linkage in found for coupling in linkage.couplings]
+    if not couplings:
+        return np.zeros((0, len(turns))), 0.0
+    rows = np.ascontiguousarray(np.concatenate([each.rows for each in couplings]), dtype=float)
+    gaps = np.concatenate([each.gap for each in couplings])
     return native.module.linkage_rows(
-        turns.tolist(), [_KINDS[one.kind] for one in each],
-        [np.ascontiguousarray(one.rows, dtype=float) for one in each],
+        turns, [_KINDS[each.kind] for each in couplings],
+        [len(each.rows) for each in couplings], rows, gaps,
     )  # fmt: skip
 
 
@@ -164,11 +170,11 @@ def closed(
     Raises:
         InvalidInputError: a loop stays open.
     """
-    found = linkages(read(q), turns)
-    gap = left = largest_gap(found)
+    couplings = read(q)
+    gap = left = largest_gap(linkages(couplings, turns))
     if gap.share < 1e-12:
         return q, []
-    linked: Mask = rows_of(found, turns).any(axis=0) & ~locked
+    linked: Mask = rows_of(couplings, turns)[0].any(axis=0) & ~locked
     posture = q
     for moved in (linked & ~driven, linked):
         if (q == start)[moved].all():

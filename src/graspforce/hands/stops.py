@@ -31,6 +31,8 @@ class Stops(NamedTuple):
             dofs: degrees of freedom.
             held: couplings that lock joints, shape (p, n_dofs of the robot).
         """
+        if not len(self.rows):
+            return no_stops(len(dofs))
         rows = (self.rows * ~held.any(axis=0))[:, dofs]
         acting = rows.any(axis=1)
         names = tuple(np.array(self.names, dtype=object)[acting].tolist())

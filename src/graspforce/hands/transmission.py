@@ -25,11 +25,12 @@ opens limits of drives that carry alone: so stops have no part of v.
 
 from __future__ import annotations
 
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspforce._engine import native
 from graspforce._util.arrays import Array
 
 # Singular values below this share of the largest are rounding, not a motion.
@@ -96,22 +97,14 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
 
 def _determined(drives: Array, couplings: Array) -> Transmission | None:
     """Return the transmission where drives and couplings fix every joint's motion, else None."""
-    n, held = drives.shape[1], len(couplings)
-    if held + len(drives) != n:
+    n, (r, none) = drives.shape[1], (len(drives), np.zeros((drives.shape[1], 0)))
+    if len(couplings) + r != n:
         return None
-    rows = np.concatenate((couplings, drives))
-    sizes = np.sqrt((rows * rows).sum(axis=1))
-    if not sizes.all():
-        return None
-    try:
-        motions = cast("Array", np.linalg.inv(rows / sizes[:, None]))
-    except np.linalg.LinAlgError:
-        return None
-    if np.abs(motions).max(initial=0.0) > 1e3:  # rank is then for the singular values to tell
-        return None
-    driven = _rounded(motions[:, held:] / sizes[held:])
-    none = np.zeros((n, 0))
-    return Transmission(driven, none, np.zeros((0, len(drives))), none, (), ())
+    driven = native.module.determined_motions(
+        np.ascontiguousarray(drives), np.ascontiguousarray(couplings)
+    )
+    # Where it is near that they do not, rank is for the singular values to tell.
+    return None if driven is None else Transmission(driven, none, np.zeros((0, r)), none, (), ())
 
 
 def connected_dofs(moving: NDArray[np.bool_], rows: Array) -> NDArray[np.intp]:

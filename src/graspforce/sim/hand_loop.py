@@ -192,6 +192,7 @@ class HandLoop:
         self._soft = softness(weight, arm)
         self.alpha = alpha
         self._servo: Servo | None = None
+        self._internal = np.zeros((0, len(self.joint_names)))  # of the last tick
         self._shape: tuple[int, ...] = ()
         self._c: Array | None = None
         self._tau = self.first_torques()
@@ -243,10 +244,8 @@ class HandLoop:
         kept = solution.status is not Status.SOLVED and not solution.nearest
         if not kept:
             self._c = solution.c
-            tau = bias.copy()
-            tau[self._columns] = solution.motor_forces
-            self._tau = tau
-        within = np.clip(self._tau, self.tau_lo, self.tau_hi)
+            self._tau = self._motor_forces(hand, bias, solution)
+        within = self._tau.clip(self.tau_lo, self.tau_hi)
         return HandCommand(within, f, solution, kept, self.book.without_slot)
 
     def target(self, t: float) -> tuple[Array, Array]:
@@ -404,7 +403,7 @@ class HandLoop:
         if len(internal):
             internal = internal[internal.any(axis=1)]
         if len(internal):
-            fields["internal"] = internal
+            fields["internal"] = self._internal = internal
         if len(hand.b):
             fields["A"], fields["b"] = hand.A, hand.b
         if self._c is not None:
@@ -419,6 +418,15 @@ class HandLoop:
         servo.mu[:], servo.gamma[:] = self._slot_mu, self._slot_gamma
         servo.tick()
         return servo.solution
+
+    def _motor_forces(self, hand: Actuation, bias: Array, solution: Solution) -> Array:
+        """Return what each motor gives, as the solution says of those that act, shape (n_joints,)."""
+        tau, acting = bias.copy(), self._columns
+        tau[acting] += solution.c @ hand.J[:, acting]
+        internal = solution.internal_forces
+        if len(internal):
+            tau[acting] += internal @ self._internal
+        return tau
 
     def _softness(self, soft: Array) -> Array:
         """Return ``f_soft`` by which W c = f is missed as little whatever alpha is."""

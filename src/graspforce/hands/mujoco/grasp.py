@@ -31,7 +31,7 @@ from graspforce.hands.configuration import (
 )
 from graspforce.hands.hand import Actuation
 from graspforce.hands.imported import as_fingertips
-from graspforce.hands.limits import JointRanges, as_tau_max, has_motor
+from graspforce.hands.limits import JointRanges, as_tau_max, has_motor, no_ranges
 from graspforce.hands.loops import HOPELESS, gap_notes, largest_gap, linkages, rows_of
 from graspforce.hands.mujoco.contacts import ContactReader, Indices
 from graspforce.hands.mujoco.model import (
@@ -205,6 +205,7 @@ class MujocoGrasp:
         self._motors, self._locked = motors, as_tuple(locked, "locked", str)
         self._held = locking_rows(self._locked, dof_names(model, every_dof(model)))
         self._stops, self._turns = StopReader(model), turning(model)
+        self._any_range = bool(model.jnt_actfrclimited.any())
         self._couplings, self._moments = CouplingReader(model), DriveReader(model, self._drives)
         self._chosen = None if joints is None else _indices(joints, self._drives)
         self._given = as_tau_max(tau_max, [each.limit.name for each in self._drives])
@@ -235,14 +236,15 @@ class MujocoGrasp:
         model = self._model
         _require_data(data, model)
         moments = self._moments.read(data)
-        tied = linkages(self._couplings.read(data), self._turns)
+        tied = self._couplings.read(data)
         computed = data.xquat[self._object.top].any() and (moments.any() or not self._drives)
         if not computed:
             raise InvalidInputError(
                 "data: nothing is computed in it yet, expected data after mj_step or mj_forward"
             )
-        gap = largest_gap(tied)
-        if gap.share > HOPELESS:
+        rows, open_by = rows_of(tied, self._turns)
+        if open_by > HOPELESS:
+            gap = largest_gap(linkages(tied, self._turns))
             raise InvalidInputError(
                 f"data: the closed linkage of {' and '.join(gap.between)} is open by "
                 f"{1000 * gap.metres:.3g} mm, expected it closed: step the simulation until it is, "
@@ -250,13 +252,13 @@ class MujocoGrasp:
             )
         contacts = self._reader.read(data, moments)
         moved = self._moved_at(contacts.bodies)
-        coupled = np.vstack((rows_of(tied, self._turns), self._held)) if tied else self._held
+        coupled = np.concatenate((rows, self._held)) if len(rows) else self._held
         stops = self._stops.read(data)
         hand = self._hand_of(moved.dofs, moments, coupled, stops)
         self._contacts, self._hand, self._moved = contacts, hand, moved
         self._screws = self._object.screws(data, hand.dofs)
         self._bias = bias_forces(data, self._by_motor)[hand.dofs]
-        self._gap, self._tied = gap, tied
+        self._tied = tied
         self._maps: tuple[Array, Actuation] | None = None
         self.origin = self._object.centre(data)
         self.motions = self._object.motions(data, moments, coupled)
@@ -360,7 +362,7 @@ class MujocoGrasp:
             *range_notes(hand.ranges, hand.transmission),
             *self._object.notes(hand.moments, self.motions),
         ]
-        notes += gap_notes(self._gap)
+        notes += gap_notes(largest_gap(linkages(self._tied, self._turns)))
         absent = self.fingers_without_contact()
         if absent:
             notes.append(f"not in contact with {self.object_name!r}: {', '.join(absent)}")
@@ -510,7 +512,7 @@ class MujocoGrasp:
         fingers = (self._above & driven).any(axis=1) & ~self._touching()
         fingers[model.body_parentid] = False
         # The links of a closed linkage are one finger.
-        for each in [each for linkage in self._tied for each in linkage.couplings]:
+        for each in self._tied:
             linkage = (self._above & each.rows.any(axis=0)).any(axis=1)
             if each.kind == "place" and (linkage & self._touching()).any():
                 fingers &= ~linkage
@@ -605,8 +607,10 @@ class MujocoGrasp:
         coupled = np.concatenate((couplings, moments[joints.holding]))
         rows = moments[joints.drives]
         moved = transmission(rows[:, dofs], coupled[:, dofs], leaned.rows)
-        loose = dofs[~self._held[:, dofs].any(axis=0)]
-        ranges = joint_ranges(self._model, joints.motors.drives, rows, loose)
+        ranges = no_ranges(len(rows))
+        if self._any_range:
+            loose = dofs[~self._held[:, dofs].any(axis=0)]
+            ranges = joint_ranges(self._model, joints.motors.drives, rows, loose)
         return _Hand(key, joints, moments, couplings, leaned, moved, ranges)
 
     def _joints_of(self, moving: NDArray[np.bool_], moments: Array, couplings: Array) -> _Joints:

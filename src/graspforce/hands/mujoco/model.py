@@ -19,7 +19,7 @@ from graspforce.errors import InvalidInputError, MissingExtraError, ModelImportE
 from graspforce.hands.configuration import as_names, stop_notes
 from graspforce.hands.imported import as_link
 from graspforce.hands.limits import DriveLimit, JointRanges, as_tau_max, no_ranges
-from graspforce.hands.loops import Coupling, linkages, rows_of
+from graspforce.hands.loops import Coupling, rows_of
 from graspforce.hands.stops import Stops, ends, no_stops
 from graspforce.hands.transmission import Transmission, transmission
 
@@ -314,7 +314,9 @@ class CouplingReader:
         """Look up what each equality ties, and which joints can change how."""
         mj = mujoco_module()
         loops = (int(mj.mjtEq.mjEQ_CONNECT), int(mj.mjtEq.mjEQ_WELD))
-        self._model, self._free = model, free_joint_dofs(model)
+        self._model, self._free = model, np.flatnonzero(free_joint_dofs(model))
+        ratio = int(mj.mjtEq.mjEQ_JOINT)  # of hinges and slides alone
+        self._may_hold_free = bool(np.any(model.eq_type != ratio))
         # Joints that move both links of a loop alike have no part in it.
         self._part = np.ones((model.neq, model.nv))
         self._tied: list[tuple[str, ...]] = [()] * model.neq
@@ -340,17 +342,17 @@ class CouplingReader:
             )  # fmt: skip
         else:
             rows[:] = data.efc_J.reshape(-1, self._model.nv)[:count]
-        rows *= self._part[which]
         key = which.tobytes()
         if key != self._key:  # of equalities that are switched on or off
             self._key, self._parts = key, self._parts_of(which.tolist())
-        of_free: NDArray[np.bool_] = np.any(rows[:, self._free], axis=1)
-        holding, gaps = of_free.any(), np.array(data.efc_pos[:count])
-        return [
-            Coupling(kind, rows[i:j], gaps[i:j], tied)
-            for kind, i, j, tied in self._parts
-            if not (holding and of_free[i:j].any())
-        ]
+        if self._may_hold_free:
+            rows *= self._part[which]
+        gaps = np.array(data.efc_pos[:count])
+        found = [Coupling(kind, rows[i:j], gaps[i:j], tied) for kind, i, j, tied in self._parts]
+        if self._may_hold_free and (of_free := rows[:, self._free]).any():
+            free = [bool(of_free[i:j].any()) for _, i, j, _ in self._parts]
+            found = [each for each, held in zip(found, free, strict=True) if not held]
+        return found
 
     def _parts_of(self, numbers: list[int]) -> list[tuple[_Kind, int, int, tuple[str, ...]]]:
         """Return what each of the equalities' rows hold: the kind, first and last, the links."""
@@ -368,7 +370,7 @@ class CouplingReader:
 def coupling_rows(model: Any, data: Any) -> Array:
     """Return the gradients of a model's couplings at data's configuration, shape (p, nv)."""
     turns = turning(model)
-    return rows_of(linkages(CouplingReader(model).read(data), turns), turns)
+    return rows_of(CouplingReader(model).read(data), turns)[0]
 
 
 def _tied_bodies(model: Any, equality: int) -> tuple[int, int]:

@@ -240,14 +240,14 @@ class PinocchioGrasp:
 
     def _closing(self, data: Any) -> Array:
         """Return the couplings of closed linkages, shape (p, nv)."""
-        tied = linkages(loop_couplings(self._loops, self._model, data), self._turns)
-        self._gap = largest_gap(tied)
+        couplings = loop_couplings(self._loops, self._model, data)
+        self._gap = largest_gap(linkages(couplings, self._turns))
         if self._gap.share > HOPELESS:
             raise InvalidInputError(
                 f"q: leaves the closed linkage of {' and '.join(self._gap.between)} open by "
                 f"{1000 * self._gap.metres:.3g} mm, expected angles at which it closes"
             )
-        return rows_of(tied, self._turns)
+        return rows_of(couplings, self._turns)[0]
 
     @property
     def notes(self) -> tuple[str, ...]:
