@@ -126,6 +126,62 @@ def test_contacts_on_one_body_with_the_object_have_nothing_to_follow(seed):
     assert_allclose(found, 0, atol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_motions_that_drives_and_couplings_determine_are_the_inverses(seed):
+    rng = np.random.default_rng(seed)
+    n, p = rng.integers(1, 6), rng.integers(0, 4)
+    drives, couplings = rng.standard_normal((n, n + p)), rng.standard_normal((p, n + p))
+    inverse = np.linalg.inv(np.vstack((couplings, drives)))
+    found = core.determined_motions(drives, couplings)
+    assert_allclose(found, inverse[:, p:], rtol=1e-9, atol=1e-9 * np.abs(inverse).max())
+    assert core.determined_motions(drives[:-1], couplings) is None
+    if n > 1:
+        again = np.vstack((drives[:-1], drives[0]))  # two drives of one motion
+        assert core.determined_motions(again, couplings) is None
+        nearly = np.vstack((drives[:-1], drives[0] + 1e-6 * drives[-1]))
+        assert core.determined_motions(nearly, couplings) is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_span_has_the_rank_and_the_projector_of_the_singular_values(seed):
+    rng = np.random.default_rng(seed)
+    m, k, rank = rng.integers(1, 9), rng.integers(1, 7), rng.integers(0, 5)
+    rows = rng.standard_normal((m, rank)) @ rng.standard_normal((rank, k))
+    rows += 1e-12 * rng.standard_normal((m, k))
+    _, sizes, right = np.linalg.svd(rows)
+    count = int((sizes > 1e-8).sum())
+    basis = core.span(rows, 1e-8)
+    assert basis.shape == (count, k)
+    assert_allclose(basis @ basis.T, np.eye(count), atol=1e-14)
+    assert_allclose(basis.T @ basis, right[:count].T @ right[:count], atol=1e-9)
+
+
+def test_loops_rows_and_gaps_are_those_of_the_joints():
+    """Two joints that follow, beside a loop of which one row is play."""
+    turns = np.array([True, True, True, False, False])
+    follows = np.array([[0, 0, 0, 1.0, -2.0]])
+    loop = np.array([[0.1, -0.1, 0, 0, 0], [0, 0.1, 0.1, 0, 0], [1e-5, 0, 1e-5, 0, 0]])
+    rows, share = core.linkage_rows(
+        turns, [1, 0], [3, 1], np.vstack((loop, follows)), np.array([3e-4, 0, 4e-4, 0.7])
+    )
+    assert share == pytest.approx(5e-4 / 0.1)
+    assert len(rows) == 3
+    (_, _, _, *slides) = rows[np.abs(rows[:, 3]) > 0].ravel()
+    assert_allclose(slides, follows[0, 3:])
+    assert_allclose(rows @ [1, 1, -1, 0, 0], 0, atol=1e-12)  # what the loop leaves
+    with pytest.raises(ValueError, match="as many rows as the couplings have"):
+        core.linkage_rows(turns, [1], [4], loop, np.zeros(3))
+
+
+def test_ends_are_reached_at_them_and_beyond():
+    values, places = np.array([0.0, 5.0, -1.0]), np.array([2, 0])
+    low, high = np.array([-2.0, -1.0]), np.array([0.0, 1.0])
+    assert not core.any_at_end(values, places, low, high)
+    assert core.any_at_end(values, places, np.array([-1.0, -1.0]), high)
+    assert core.any_at_end(values, places, low, np.array([0.0, 0.0]))
+    assert not core.any_at_end(values, places[:0], low[:0], high[:0])
+
+
 def test_arrays_of_other_shapes_are_refused():
     rng = np.random.default_rng(0)
     given = simulated(rng, 3, 4)

@@ -1,5 +1,8 @@
 """The wrench that brings an object to where it should be, on rigid bodies integrated here."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -70,6 +73,16 @@ def test_a_body_that_is_on_its_way_stays_on_it(gains):
         assert_allclose(state.rotation, target.rotation @ turned, atol=1e-5)
 
 
+def test_gains_that_are_changed_count_and_a_copy_has_them():
+    law = ObjectLaw(0.2, INERTIA)
+    law.stiffness, law.mass = 100.0, 0.5
+    state = ObjectState(np.array([0, 0, 0.01]), np.eye(3), np.zeros(3), np.zeros(3))
+    for each in (law, copy.deepcopy(law), pickle.loads(pickle.dumps(law))):
+        wanted = each.acceleration(Hold((0, 0, 0)).at(0), state)
+        assert_allclose(wanted, [0, 0, -1, 0, 0, 0])
+        assert_allclose(each.wrench(wanted, state, np.zeros(3)), [0, 0, -0.5, 0, 0, 0])
+
+
 def test_the_wrench_at_rest_holds_the_weight():
     law = ObjectLaw(0.2, INERTIA)
     state = ObjectState(np.ones(3), np.eye(3), np.zeros(3), np.zeros(3))
@@ -117,4 +130,9 @@ def test_a_state_is_what_can_be_read_as_one():
         ObjectState(np.zeros(3), [1, 0, 0, 0], np.zeros(3), np.zeros(3))
     lost = ObjectState(np.array([0, np.nan, 0]), np.eye(3), np.zeros(3), np.zeros(3))
     with pytest.raises(gf.InvalidInputError, match="expected finite numbers"):
-        law.wrench(law.acceleration(target, lost), lost)
+        law.acceleration(target, lost)
+    with pytest.raises(gf.InvalidInputError, match=r"acceleration: got nan at .*, expected finite"):
+        law.wrench(np.full(6, np.nan), state)
+    spun = ObjectState(np.zeros(3), np.eye(3), np.zeros(3), np.full(3, 1e200))
+    with pytest.raises(gf.InvalidInputError, match="gravity: got numbers"):
+        law.wrench(np.zeros(6), spun)

@@ -1,6 +1,7 @@
 """Hands of any kind in physics: closing, holding, moving, what goes wrong, and their motors."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 
 import graspforce as gf
 from graspforce import cli, sim
+from graspforce.sim.world import object_inertia
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -346,6 +348,25 @@ def test_closing_aims_where_it_is_told():
         sim.close(model, "object", touch={"toe": [0, 0, 0]})
 
 
+def test_inertia_of_an_object_that_hangs_on_another_is_its_own():
+    """By the inertia of its parts; MuJoCo's composite one is about the whole tree's centre."""
+    model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body><freejoint/>
+      <geom type="box" size=".1 .2 .3" pos=".2 0 0"/>
+      <body name="object" pos=".5 .1 .2" euler="20 30 40"><joint type="hinge" axis="0 1 0"/>
+        <geom type="box" size=".02 .01 .03" mass=".1"/>
+        <body pos="0 0 .1"><joint type="slide"/><geom type="sphere" size=".02" mass=".05"/></body>
+      </body></body></worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    expected = np.zeros((3, 3))
+    for body in (2, 3):
+        R, arm = data.ximat[body].reshape(3, 3), data.xipos[body] - data.subtree_com[2]
+        expected += R @ np.diag(model.body_inertia[body]) @ R.T
+        expected += model.body_mass[body] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    found = object_inertia(model, data, model.body("object").id)
+    assert_allclose(found, expected, atol=1e-12)
+
+
 # ---- motors ------------------------------------------------------------------------------------
 
 KINDS = {
@@ -356,6 +377,8 @@ KINDS = {
     "general": '<general name="m{0}" joint="{0}" gaintype="affine" gainprm="10 5 0" '
     'biastype="affine" biasprm="1 -2 -3" ctrlrange="-3 3"/>',
     "cylinder": '<cylinder name="m{0}" joint="{0}" area="2" timeconst=".02" ctrlrange="-9 9"/>',
+    "exact": '<general name="m{0}" joint="{0}" dyntype="filterexact" dynprm=".02" gainprm="2" '
+    'ctrlrange="-9 9"/>',
     "lagging servo": '<position name="m{0}" joint="{0}" kp="800" timeconst=".01" '
     'ctrlrange="-1 1" forcerange="-20 20"/>',
     "integrated": '<intvelocity name="m{0}" joint="{0}" kp="800" ctrlrange="-50 50" '
@@ -409,6 +432,32 @@ def test_motors_that_lag_are_led():
     assert_allclose(data.ctrl, [5.0, -5.0])
     mujoco.mj_step(model, data)
     assert_allclose(2 * data.act, [0.5, -0.5])
+
+
+@pytest.mark.parametrize(
+    ("kind", "steps"),
+    [
+        *itertools.product(("cylinder", "exact", "lagging servo", "integrated"), (1, 4)),
+        ("muscles", 1),  # whose pace changes with every step
+    ],
+)
+def test_motors_that_lag_make_what_they_say_when_the_tick_is_over(kind, steps):
+    """In MuJoCo, whose joints are held where the motors were told."""
+    model = of_kind(kind)
+    motors, data, rng = gf.hands.MujocoMotors(model), mujoco.MjData(model), np.random.default_rng(1)
+    for _ in range(10):
+        data.act[:] = rng.uniform(0.1, 0.5, model.na)
+        data.qpos[:2], data.qvel[:2] = rng.uniform(-4e-3, 4e-3, 2), rng.uniform(-0.02, 0.02, 2)
+        mujoco.mj_forward(model, data)
+        qpos, qvel = data.qpos.copy(), data.qvel.copy()
+        lo, hi = motors.limits(data)
+        near = data.qfrc_actuator[:2] + rng.uniform(-0.05, 0.05, 2) * np.minimum(hi - lo, 20)
+        made = motors.write(data, np.clip(near, lo, hi), steps * model.opt.timestep)
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+            data.qpos[:], data.qvel[:] = qpos, qvel
+        mujoco.mj_forward(model, data)
+        assert_allclose(data.qfrc_actuator[:2], made, atol=1e-9)
 
 
 def test_motors_of_unknown_kinds_are_named():

@@ -4,6 +4,7 @@
 #include "control.hpp"
 #include "instruction_sets.hpp"
 #include "kkt.hpp"
+#include "robot.hpp"
 #include "servo.hpp"
 #include "solve.hpp"
 #include "timing.hpp"
@@ -127,13 +128,6 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
       .def_prop_ro("slots", &Book::slots)
       .def_prop_ro("without_slot", [](const Book& book) { return book.without_slot(); });
 
-  using Law = graspforce::PythonObjectLaw;
-  nb::class_<Law>(module, "ObjectLaw")
-      .def(nb::init<double, nb::handle, double, double, nb::handle>(), "mass"_a, "inertia"_a,
-           "stiffness"_a, "damping"_a, "turned"_a)
-      .def("acceleration", &Law::acceleration)
-      .def("wrench", &Law::wrench);
-
   using Core = graspforce::Actuators;
   using Motors = graspforce::PythonActuators;
   nb::class_<Motors>(module, "Actuators")
@@ -142,13 +136,17 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
                     nb::handle>(),
            "own"_a, "counts"_a, "places"_a, "gears"_a, "gains"_a, "biases"_a, "controls"_a,
            "forces"_a, "x"_a, "lags"_a, "times"_a)
-      .def("set_curves", &Motors::set_curves)
-      .def("limits", &Motors::limits)
-      .def("lengths", &Motors::each<&Core::length>)
-      .def("rates", &Motors::each<&Core::rate>)
-      .def("damping", &Motors::each<&Core::damping>)
-      .def("send", &Motors::send)
-      .def("torques", &Motors::torques);
+      .def("set_curves", &Motors::set_curves, "i"_a, "gain"_a, "bias"_a)
+      .def("limits", &Motors::limits, "lengths"_a, "rates"_a, "states"_a, "controls"_a)
+      .def("lengths", &Motors::each<&Core::length>, "lengths"_a, "rates"_a, "states"_a,
+           "controls"_a)
+      .def("rates", &Motors::each<&Core::rate>, "lengths"_a, "rates"_a, "states"_a, "controls"_a)
+      .def("damping", &Motors::each<&Core::damping>, "lengths"_a, "rates"_a, "states"_a,
+           "controls"_a)
+      .def("send", &Motors::send, "lengths"_a, "rates"_a, "states"_a, "controls"_a, "torques"_a,
+           "dt"_a, "step"_a, "at_once"_a)
+      .def("torques", &Motors::torques, "lengths"_a, "rates"_a, "states"_a, "controls"_a, "dt"_a,
+           "step"_a);
 
   using Motion = graspforce::RobotMotion;
   nb::class_<Motion>(module, "RobotMotion")
@@ -162,6 +160,13 @@ NB_MODULE(GRASPFORCE_MODULE, module) {
 
   module.def("rotation_vector", &graspforce::rotation_vector_of, "R"_a,
              "Axis times angle of a rotation matrix.");
+  module.def("object_acceleration", &graspforce::object_acceleration, "stiffness"_a, "damping"_a,
+             "turned"_a, "position"_a, "rotation"_a, "velocity"_a, "spin"_a, "linear"_a,
+             "angular"_a, "position_now"_a, "rotation_now"_a, "velocity_now"_a, "spin_now"_a,
+             "The acceleration that brings an object to its target; None of arrays to convert.");
+  module.def("object_wrench", &graspforce::object_wrench, "mass"_a, "inertia"_a, "acceleration"_a,
+             "rotation"_a, "spin"_a, "gravity"_a,
+             "The wrench that makes an acceleration; None of arrays to convert.");
   module.def("drive_rows", &graspforce::drive_rows, "moments"_a, "counts"_a, "starts"_a,
              "columns"_a, "outputs"_a, "gears"_a, "dofs"_a,
              "How joints move drives, (k, dofs), of MuJoCo's sparse moments.");

@@ -123,8 +123,8 @@ class Actuators {
       double x = now.controls[each->input];
       if (each->state >= 0) {
         const double state = now.states[each->state], way = x - state;
-        x = state + (each->lag == Lag::Integrator ? x * time.dt
-                                                  : way * pace(*each, state, way, time));
+        x = state +
+            (each->lag == Lag::Integrator ? x * time.dt : way * pace(*each, state, way, time));
         x = each->x.clip(x);
       }
       sum += each->gear * each->force.clip(gain(now, *each) * x + bias(now, *each));
@@ -175,7 +175,7 @@ class Actuators {
     }
     tau = std::max(tau, 1e-9);
     if (each.lag == Lag::ExactFilter) return -std::expm1(-time.dt / tau);
-    const double steps = std::max(std::round(time.dt / time.step), 1.);
+    const double steps = std::max(std::nearbyint(time.dt / time.step), 1.);
     return 1 - std::pow(1 - std::min(time.dt / steps / tau, 1.), steps);
   }
 

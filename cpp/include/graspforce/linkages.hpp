@@ -71,6 +71,9 @@ class Linkages {
     bool done;
   };
 
+  // What is rounding beside a row, and in the cosine of a right angle.
+  static constexpr double kNothing = 1e-13, kRight = 1e-14;
+
   double* row(int i) { return rows_.data() + std::size_t(i) * dofs_; }
   double* even(int i) { return even_.data() + std::size_t(i) * dofs_; }
   bool any(const Coupling& each) {
@@ -163,7 +166,9 @@ class Linkages {
             bb += b[k] * b[k];
             ab += a[k] * b[k];
           }
-          if (!(std::abs(ab) > 1e-15 * std::sqrt(aa * bb))) continue;
+          // Rows that are rounding beside others never come to right angles, nor have to.
+          const bool alone = std::min(aa, bb) <= kNothing * kNothing * std::max(aa, bb);
+          if (alone || !(std::abs(ab) > kRight * std::sqrt(aa * bb))) continue;
           turned = true;
           const double zeta = (bb - aa) / (2 * ab);
           const double t = (zeta >= 0 ? 1 : -1) / (std::abs(zeta) + std::sqrt(1 + zeta * zeta));

@@ -108,6 +108,7 @@ class MujocoMotors {
                double tau_max = Actuators::kNone)
       : model_(model) {
     const std::vector<mujoco::Drive> known = mujoco::drives(model);
+    int count = 0;
     for (const std::string& name : joints) {
       const auto at = std::find_if(known.begin(), known.end(), [&](const mujoco::Drive& each) {
         return each.name(model) == name;
@@ -123,10 +124,9 @@ class MujocoMotors {
       }
       actuators_.add_drive(own);
       for (int number : at->actuators) {
-        if (model->actuator_gaintype[number] == mjGAIN_MUSCLE)
-          muscles_.push_back({number, count_});
+        if (model->actuator_gaintype[number] == mjGAIN_MUSCLE) muscles_.push_back({number, count});
         actuators_.add(actuator(number));
-        ++count_;
+        ++count;
       }
     }
     look_at_muscles(data);
@@ -166,9 +166,7 @@ class MujocoMotors {
   double length(const mjData* data, int joint) const {
     return actuators_.length(numbers(data), joint);
   }
-  double rate(const mjData* data, int joint) const {
-    return actuators_.rate(numbers(data), joint);
-  }
+  double rate(const mjData* data, int joint) const { return actuators_.rate(numbers(data), joint); }
 
  private:
   using Range = Actuators::Range;
@@ -197,8 +195,9 @@ class MujocoMotors {
     found.output = model_->actuator_outadr[i];
     found.input = model_->actuator_ctrladr[i];
     found.gear = model_->actuator_gear[6 * found.output];
-    const mjtNum *const a = model_->actuator_gainprm + mjNGAIN * i,
-                        *const b = model_->actuator_biasprm + mjNBIAS * i;
+    const mjtNum *const a = model_->actuator_gainprm + mjNGAIN * i, *const b =
+                                                                        model_->actuator_biasprm +
+                                                                        mjNBIAS * i;
     if (gain == mjGAIN_FIXED) found.gain = {a[0]};
     if (gain == mjGAIN_AFFINE) found.gain = {a[0], a[1], a[2]};
     if (bias == mjBIAS_AFFINE) found.bias = {b[0], b[1], b[2]};
@@ -241,7 +240,6 @@ class MujocoMotors {
   const mjModel* model_;
   Actuators actuators_;
   std::vector<Muscle> muscles_;
-  int count_ = 0;
 };
 
 // The grasp that a simulation is in. The object is a body that floats, with all that hangs on it.
@@ -283,13 +281,18 @@ class MujocoGrasp : public RobotGrasp {
   // The law that moves it, of targets whose identity is how it is turned now.
   ObjectLaw law(const mjData* data) const {
     const mjtNum* const I = data->crb + 10 * object_;  // world axes: xx yy zz xy xz yz
-    const Matrix3 of_world{{{I[0], I[3], I[4]}, {I[3], I[1], I[5]}, {I[4], I[5], I[2]}}};
+    Matrix3 of_world{{{I[0], I[3], I[4]}, {I[3], I[1], I[5]}, {I[4], I[5], I[2]}}};
+    // MuJoCo's is about the centre of mass of the whole tree.
+    const double mass = model_->body_subtreemass[object_];
+    const mjtNum* const root = data->subtree_com + 3 * model_->body_rootid[object_];
+    const Vector3 arm = minus(pose(data).position, {root[0], root[1], root[2]});
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j)
+        of_world[i][j] -= mass * ((i == j ? dot(arm, arm) : 0) - arm[i] * arm[j]);
     const Matrix3 R = pose(data).rotation;
-    const Matrix3 columns{{{R[0][0], R[1][0], R[2][0]},
-                           {R[0][1], R[1][1], R[2][1]},
-                           {R[0][2], R[1][2], R[2][2]}}};
-    ObjectLaw law{model_->body_subtreemass[object_],
-                  times_transposed(columns, times_transposed(columns, of_world))};
+    const Matrix3 columns{
+        {{R[0][0], R[1][0], R[2][0]}, {R[0][1], R[1][1], R[2][1]}, {R[0][2], R[1][2], R[2][2]}}};
+    ObjectLaw law{mass, times_transposed(columns, times_transposed(columns, of_world))};
     law.turned = R;
     return law;
   }

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,19 +15,20 @@ from graspforce.contact import cross
 from graspforce.errors import InvalidInputError
 from graspforce.trajectory import GRAVITY, State
 
-_SHAPES = (
+_Shapes: TypeAlias = tuple[tuple[str, tuple[int, ...]], ...]
+
+_SHAPES: _Shapes = (
     ("position", (3,)), ("rotation", (3, 3)), ("velocity", (3,)), ("angular_velocity", (3,))
 )  # fmt: skip
-_TARGET = (*_SHAPES, ("acceleration", (3,)), ("angular_acceleration", (3,)))
-_OF_BOTH = (
-    *((f"target.{name}", shape) for name, shape in _TARGET),
+_OF_ACCELERATION: _Shapes = (
+    ("turned", (3, 3)), *((f"target.{name}", shape) for name, shape in _SHAPES),
+    ("target.acceleration", (3,)), ("target.angular_acceleration", (3,)),
     *((f"state.{name}", shape) for name, shape in _SHAPES),
-)
-_OF_WRENCH = (
-    ("acceleration", (6,)), ("state.rotation", (3, 3)), ("state.angular_velocity", (3,)),
-    ("gravity", (3,)),
 )  # fmt: skip
-_GRAVITY = np.array([0.0, 0.0, -GRAVITY])
+_OF_WRENCH: _Shapes = (
+    ("inertia", (3, 3)), ("acceleration", (6,)), ("state.rotation", (3, 3)),
+    ("state.angular_velocity", (3,)), ("gravity", (3,)),
+)  # fmt: skip
 
 
 @dataclass(slots=True, eq=False)
@@ -109,9 +111,6 @@ class ObjectLaw:
             raise InvalidInputError(
                 f"turned: got {self.turned.tolist()}, expected a rotation matrix"
             )
-        self._core: Any = native.module.ObjectLaw(
-            self.mass, self.inertia, self.stiffness, self.damping, self.turned
-        )
 
     def acceleration(self, target: State, state: ObjectState) -> Array:
         """Return the wanted acceleration, linear and angular, shape (6,) [m/s², rad/s²].
@@ -119,17 +118,20 @@ class ObjectLaw:
         Args:
             target: where the object should be and how it should move, or what has its attributes.
             state: where it is.
+
+        Raises:
+            InvalidInputError: a wrong shape, numbers that are not finite.
         """
         given = (
-            target.position, target.rotation, target.velocity, target.angular_velocity,
-            target.acceleration, target.angular_acceleration,
+            self.turned, target.position, target.rotation, target.velocity,
+            target.angular_velocity, target.acceleration, target.angular_acceleration,
             state.position, state.rotation, state.velocity, state.angular_velocity,
         )  # fmt: skip
-        wanted = self._core.acceleration(*given)
-        return self._core.acceleration(*_plain(_OF_BOTH, given)) if wanted is None else wanted
+        gains = self.stiffness, self.damping
+        return _finite(native.module.object_acceleration, gains, _OF_ACCELERATION, given)
 
     def wrench(
-        self, acceleration: Array, state: ObjectState, gravity: ArrayLike = _GRAVITY
+        self, acceleration: Array, state: ObjectState, gravity: ArrayLike = (0.0, 0.0, -GRAVITY)
     ) -> Array:
         """Return the wrench of the contacts that makes an acceleration, shape (6,) [N, N·m].
 
@@ -144,27 +146,31 @@ class ObjectLaw:
         Raises:
             InvalidInputError: numbers that are not finite.
         """
-        given = acceleration, state.rotation, state.angular_velocity, gravity
-        f = self._core.wrench(*given)
-        if f is None:
-            f = self._core.wrench(*_plain(_OF_WRENCH, given))
-        if f is None:
-            raise InvalidInputError(
-                f"acceleration: got {acceleration} of a body with mass {self.mass} kg and inertia "
-                f"{self.inertia.tolist()}, expected numbers whose products are finite"
-            )
-        return f
+        given = self.inertia, acceleration, state.rotation, state.angular_velocity, gravity
+        return _finite(native.module.object_wrench, (self.mass,), _OF_WRENCH, given)
 
 
-def _plain(shapes: tuple[tuple[str, tuple[int, ...]], ...], given: tuple[Any, ...]) -> list[Array]:
-    """Return what was given as the core takes it.
+def _finite(
+    function: Callable[..., Array | None],
+    numbers: tuple[float, ...],
+    shapes: _Shapes,
+    given: tuple[Any, ...],
+) -> Array:
+    """Return what a function of the core says, which takes plain arrays with finite numbers.
 
     Raises:
-        InvalidInputError: a wrong shape, numbers that are not finite.
+        InvalidInputError: a wrong shape, numbers that are not finite or come to no such.
     """
-    return [
-        as_array(value, name, shape) for (name, shape), value in zip(shapes, given, strict=True)
-    ]
+    found = function(*numbers, *given)
+    if found is None:
+        plain = [as_array(x, name, shape) for (name, shape), x in zip(shapes, given, strict=True)]
+        found = function(*numbers, *plain)
+    if found is None:
+        names = ", ".join(name for name, _ in shapes)
+        raise InvalidInputError(
+            f"{names}: got numbers whose products leave double precision, expected others"
+        )
+    return found
 
 
 def rotation_vector(R: Array) -> Array:

@@ -112,7 +112,7 @@ def rows_of(couplings: Sequence[Coupling], turns: Mask) -> tuple[Array, float]:
     if not couplings:
         return np.zeros((0, len(turns))), 0.0
     rows = np.ascontiguousarray(np.concatenate([each.rows for each in couplings]), dtype=float)
-    gaps = np.concatenate([each.gap for each in couplings])
+    gaps = np.concatenate([each.gap for each in couplings], dtype=float)
     return native.module.linkage_rows(
         turns, [_KINDS[each.kind] for each in couplings],
         [len(each.rows) for each in couplings], rows, gaps,

@@ -101,7 +101,7 @@ def _determined(drives: Array, couplings: Array) -> Transmission | None:
     if len(couplings) + r != n:
         return None
     driven = native.module.determined_motions(
-        np.ascontiguousarray(drives), np.ascontiguousarray(couplings)
+        np.ascontiguousarray(drives, dtype=float), np.ascontiguousarray(couplings, dtype=float)
     )
     # Where it is near that they do not, rank is for the singular values to tell.
     return None if driven is None else Transmission(driven, none, np.zeros((0, r)), none, (), ())

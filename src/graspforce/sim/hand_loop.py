@@ -166,7 +166,7 @@ class HandLoop:
         pose = object_pose(model, data, self._body)
         where: Any = pose.position.tolist()
         self._motion: Motion = Hold(where) if motion is None else motion
-        inertia = pose.rotation.T @ object_inertia(data, self._body) @ pose.rotation
+        inertia = pose.rotation.T @ object_inertia(model, data, self._body) @ pose.rotation
         self._law = ObjectLaw(
             float(model.body_subtreemass[self._body]), inertia, turned=pose.rotation,
             stiffness=self._gains.object_stiffness, damping=self._gains.object_damping,
@@ -192,7 +192,7 @@ class HandLoop:
         self._soft = softness(weight, arm)
         self.alpha = alpha
         self._servo: Servo | None = None
-        self._internal = np.zeros((0, len(self.joint_names)))  # of the last tick
+        self._internal = np.zeros((0, len(self.joint_names)))  # of the last tick that had any
         self._shape: tuple[int, ...] = ()
         self._c: Array | None = None
         self._tau = self.first_torques()
@@ -420,7 +420,7 @@ class HandLoop:
         return servo.solution
 
     def _motor_forces(self, hand: Actuation, bias: Array, solution: Solution) -> Array:
-        """Return what each motor gives, as the solution says of those that act, shape (n_joints,)."""
+        """Return what each motor gives, those that act by the solution, shape (n_joints,)."""
         tau, acting = bias.copy(), self._columns
         tau[acting] += solution.c @ hand.J[:, acting]
         internal = solution.internal_forces

@@ -88,7 +88,7 @@ class Physics:
     @property
     def inertia(self) -> Array:
         """About the centre of mass, world axes, shape (3, 3) [kg·m²]."""
-        return object_inertia(self.data, self.body)
+        return object_inertia(self.model, self.data, self.body)
 
     def multiply_mass(self, factor: float) -> None:
         """Make the object heavier, its inertia with it."""
@@ -135,10 +135,14 @@ def object_pose(model: Any, data: Any, body: int) -> ObjectState:
     )  # fmt: skip
 
 
-def object_inertia(data: Any, body: int) -> Array:
+def object_inertia(model: Any, data: Any, body: int) -> Array:
     """Return its inertia about the centre of mass, world axes, shape (3, 3) [kg·m²]."""
     xx, yy, zz, xy, xz, yz = data.crb[body][:6]
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    about_root = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # MuJoCo's is about the centre of mass of the body's whole tree.
+    arm = data.subtree_com[body] - data.subtree_com[model.body_rootid[body]]
+    along = arm @ arm * np.eye(3) - np.outer(arm, arm)
+    return about_root - model.body_subtreemass[body] * along
 
 
 class World(Physics):

@@ -247,7 +247,8 @@ def _is_muscle(model: Any, motor: int) -> bool:
 def _peak_force(model: Any, muscle: int) -> float:
     """Return the largest active force of a muscle [N], as MuJoCo takes it from its parameters."""
     force, scale = model.actuator_gainprm[muscle, 2:4].tolist()
-    return force if force >= 0 else scale / float(model.actuator_acc0[muscle])
+    output = int(model.actuator_outadr[muscle])
+    return force if force >= 0 else scale / float(model.actuator_acc0[output])
 
 
 def _moment_arm(mj: Any, model: Any, tendon: int) -> float:

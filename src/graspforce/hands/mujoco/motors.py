@@ -138,28 +138,31 @@ class MujocoMotors:
         wanted = as_array(tau, "tau", (len(self.joint_names),))
         time, step = as_positive(dt, "dt", "s"), float(self._model.opt.timestep)
         numbers = self._numbers(data)
-        self._core.send(*numbers, wanted, time, step, at_once)
+        self._core.send(*numbers, wanted, time, step, bool(at_once))
         return self._core.torques(*numbers, time, step)
 
     def send(self, data: Any, tau: Array, dt: float, *, at_once: bool = False) -> None:
-        """Set the controls as :meth:`write` does; nothing is checked.
+        """Set the controls as :meth:`write` does, and check no numbers.
 
         Args:
             data: the simulation's data.
-            tau: wanted torques.
+            tau: wanted torques, shape (n,).
             dt: how long these controls stay.
             at_once: as for a simulation that begins.
         """
         step = float(self._model.opt.timestep)
-        self._core.send(*self._numbers(data), tau, dt, step, at_once)
+        wanted = np.ascontiguousarray(tau, dtype=float)
+        self._core.send(*self._numbers(data), wanted, dt, step, bool(at_once))
 
     def _numbers(self, data: Any) -> tuple[Array, Array, Array, Array]:
         """Return what the core reads and writes, muscles' curves being as they are just now."""
         lengths, rates = data.actuator_length, data.actuator_velocity
         model, mj = self._model, self._mj
         for i, motor in self._muscles:
-            length, rate = lengths[self._outputs[i]], rates[self._outputs[i]]
-            between, strength = model.actuator_lengthrange[motor], float(model.actuator_acc0[motor])
+            output = self._outputs[i]
+            length, rate = lengths[output], rates[output]
+            strength = float(model.actuator_acc0[output])
+            between = model.actuator_lengthrange[output]
             prm, of_bias = model.actuator_gainprm[motor, :9], model.actuator_biasprm[motor, :9]
             self._core.set_curves(
                 i, mj.mju_muscleGain(length, rate, between, strength, prm),
