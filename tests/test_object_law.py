@@ -131,7 +131,7 @@ def test_a_state_is_what_can_be_read_as_one():
     lost = ObjectState(np.array([0, np.nan, 0]), np.eye(3), np.zeros(3), np.zeros(3))
     with pytest.raises(gf.InvalidInputError, match="expected finite numbers"):
         law.acceleration(target, lost)
-    with pytest.raises(gf.InvalidInputError, match=r"acceleration: got nan at .*, expected finite"):
+    with pytest.raises(gf.InvalidInputError, match=r"acceleration\[0\]: got nan"):
         law.wrench(np.full(6, np.nan), state)
     spun = ObjectState(np.zeros(3), np.eye(3), np.zeros(3), np.full(3, 1e200))
     with pytest.raises(gf.InvalidInputError, match="gravity: got numbers"):

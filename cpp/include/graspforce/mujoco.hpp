@@ -203,6 +203,9 @@ class MujocoMotors {
     if (bias == mjBIAS_AFFINE) found.bias = {b[0], b[1], b[2]};
     if (model_->actuator_ctrllimited[found.input])
       found.control = at(model_->actuator_ctrlrange, found.input);
+    if (dynamics == mjDYN_MUSCLE)  // which cuts its control off there
+      found.control = {std::clamp(found.control.low, 0., 1.),
+                       std::clamp(found.control.high, 0., 1.)};
     if (model_->actuator_forcelimited[i]) found.force = at(model_->actuator_forcerange, i);
     if (model_->actuator_actnum[i] > 0)
       found.state = model_->actuator_actadr[i] + model_->actuator_actnum[i] - 1;

@@ -186,8 +186,10 @@ def _actuators(mj: Any, model: Any, motors: Indices) -> tuple[Any, ...]:
     control = _range(model.actuator_ctrllimited, model.actuator_ctrlrange, inputs)
     force = _range(model.actuator_forcelimited, model.actuator_forcerange, motors)
     x = _range(model.actuator_actlimited, model.actuator_actrange, motors)
-    # A state is confined by its own range; that of a filter by its control's, too.
     dynamics = model.actuator_dyntype[motors]
+    muscles = dynamics == int(mj.mjtDyn.mjDYN_MUSCLE)  # which cut their controls off there
+    control[muscles] = control[muscles].clip(0.0, 1.0)
+    # A state is confined by its own range; that of a filter by its control's, too.
     follows = (states < 0) | (dynamics != int(mj.mjtDyn.mjDYN_INTEGRATOR))
     x[follows, 0] = np.maximum(control[follows, 0], x[follows, 0])
     x[follows, 1] = np.minimum(control[follows, 1], x[follows, 1])
