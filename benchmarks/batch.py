@@ -1,7 +1,8 @@
 """How many problems a second ``solve_batch`` solves, and what its derivatives take.
 
 Random feasible grasps of four fingers with three joints each, with W, f, J, mu and alpha a row
-each. What is compared is run in turns, and the least of some rounds counts; times of one thread are
+each. One by one they are solved from problems that were made beforehand, and from the rows of the
+arrays that a batch takes, which are checked and copied then as in a batch. What is compared is run in turns, and the least of some rounds counts; times of one thread are
 those of the processor, so that a busy machine shows less. ``python benchmarks/batch.py --save
 benchmarks/results/batch.txt`` takes a minute.
 
@@ -100,14 +101,27 @@ def measure(count: int, rounds: int) -> Table:
     out = solve(start=start)
     weights = np.random.default_rng(2).normal(size=batch.c.shape)
     part = batch[: min(count, 2048)]
+    given = [fields[name][: len(problems)] for name in ("W", "f", "J", "mu", "alpha")]
+
+    def from_arrays() -> list[gf.Solution]:
+        return [
+            gf.solve(
+                gf.ForceProblem(
+                    W, f, [gf.PCWF(each) for each in mu], J=J, alpha=alpha, tau_lo=-0.5, tau_hi=0.5
+                )
+            )
+            for W, f, J, mu, alpha in zip(*given, strict=True)
+        ]
+
     tasks: dict[str, Task] = {
         "solve, one by one from Python": lambda: [gf.solve(problem) for problem in problems],
+        "solve, one by one from arrays": from_arrays,
         "solve_batch, cold": lambda: solve(out=out),
         "solve_batch, warm": lambda: solve(start=start, out=out),
         "vjp by every field": lambda: gf.sensitivity(part).vjp(c=weights[: len(part)]),
         "vjp by f": lambda: gf.sensitivity(part).vjp(c=weights[: len(part)], wrt=("f",)),
     }
-    sizes = [len(problems), count, count, len(part), len(part)]
+    sizes = [len(problems), len(problems), count, count, len(part), len(part)]
     if find_spec("moreau"):
         tasks["Moreau, a batch of cone programs"] = with_moreau(problems)
         sizes.append(len(problems))
