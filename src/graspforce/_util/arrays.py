@@ -120,7 +120,7 @@ def as_array(
     raw = _as_numbers(value, name, shape, _OR_SCALAR if broadcast else "")
     if shape is not None:
         if broadcast and raw.ndim == 0:
-            raw = np.broadcast_to(raw, tuple(int(n) for n in shape))
+            raw = np.full(tuple(int(n) for n in shape), raw)
         if raw.shape != shape and not _fits(raw.shape, shape):
             expected = _written(shape, _OR_SCALAR if broadcast else "")
             raise InvalidInputError(f"{name}: got shape {raw.shape}, expected {expected}")
@@ -224,8 +224,8 @@ def as_number(value: float, name: str) -> float:
     Raises:
         InvalidInputError: not a real number, or not finite.
     """
-    if type(value) is float and math.isfinite(value):
-        return value
+    if isinstance(value, float) and math.isfinite(value):  # NumPy's own is one, too
+        return float(value)
     return float(as_array(value, name, ()))
 
 
