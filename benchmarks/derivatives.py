@@ -146,7 +146,8 @@ def differences(
 ) -> list[np.ndarray]:
     """The change of every quantity: of the step that agrees best with the next larger one.
 
-    A step that is right for Phi may be too small for c, whose changes are then all rounding.
+    A step that is right for Phi may be too small for c, whose changes are then all rounding. Such
+    may agree by chance, so that no step counts as better than rounding lets it be.
     """
     steps = size_of(problem, name) * 10.0 ** -(np.arange(3, 15) / 2)
     places = np.multiply.outer(steps, [1.0, -1.0, 2.0, -2.0])
@@ -162,7 +163,8 @@ def differences(
         near, far = ((values[:, i] - values[:, i + 1]) / ((i + 2) * h) for i in (0, 2))
         by_step = (4 * near - far) / 3
         moves = np.abs(np.diff(by_step, axis=0)).max(axis=1, initial=0)
-        found.append(by_step[1 + int(moves.argmin())])
+        rounding = np.finfo(float).eps * np.abs(values).max(initial=0) / h[1:, 0]
+        found.append(by_step[1 + int((moves + rounding).argmin())])
     return found
 
 
