@@ -2,9 +2,10 @@
 
 Random feasible grasps of four fingers with three joints each, with W, f, J, mu and alpha a row
 each. One by one they are solved from problems that were made beforehand, and from the rows of the
-arrays that a batch takes, which are checked and copied then as in a batch. What is compared is run in turns, and the least of some rounds counts; times of one thread are
-those of the processor, so that a busy machine shows less. ``python benchmarks/batch.py --save
-benchmarks/results/batch.txt`` takes a minute.
+arrays that a batch takes, which are checked and copied then as in a batch. What is compared is run
+in turns, and the least of some rounds counts; times of one thread are those of the processor, so
+that a busy machine shows less. ``python benchmarks/batch.py --save benchmarks/results/batch.txt``
+takes a minute.
 
 Where Moreau is installed (``pip install moreau``), a solver of batches of cone programs, it solves
 the same grasps as `baselines.socp` puts them, least norm of c within the exact cones and limits, in
