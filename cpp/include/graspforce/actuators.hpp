@@ -7,7 +7,8 @@
 // as its range of x reaches is its limit; an actuator that lags is told to go further. Several of
 // one joint or tendon, a drive, share its torque in proportion to what each can give.
 //
-// What knows a robot fills in its actuators and says where their numbers stand; mujoco.hpp does.
+// What knows a robot fills in its actuators and says where their numbers stand, as
+// mujoco_motors.hpp does.
 #pragma once
 
 #include <algorithm>
