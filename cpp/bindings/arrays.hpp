@@ -36,6 +36,7 @@ inline const double* reals(nb::handle object, Shape shape) {
 inline const npy_intp* indices(nb::handle object, std::size_t size) {
   return entries<npy_intp>(object, 'i', {size});
 }
+
 // Rows of plain numbers, which may stand apart, as in a list of structs.
 class Rows {
  public:
@@ -59,6 +60,7 @@ class Rows {
   npy_intp apart_;
   std::size_t count_;
 };
+
 inline Matrix matrix(double* first, std::size_t rows, std::size_t columns) {
   return {first, static_cast<int>(rows), static_cast<int>(columns)};
 }
@@ -92,4 +94,5 @@ struct Made {
 
   nb::object object;
 };
+
 }  // namespace graspforce

@@ -265,25 +265,17 @@ inline nb::object span(nb::handle rows, double least) {
 }
 
 // How n drives, (n, k), and couplings, (p, k), fix the motions of k joints, (k, n): those by each
-// drive's; None where they do not, or not well.
+// drive's; None where they do not.
 inline nb::object determined_motions(nb::handle drives, nb::handle couplings) {
   const std::size_t n = count(drives), k = count(drives, 1), p = count(couplings);
   const double *const drive = reals(drives, {n, k}), *const tie = reals(couplings, {p, k});
   if (n + p != k) return nb::none();
-  const auto length = [&](const double* row) {
-    double squares = 0;
-    for (std::size_t i = 0; i < k; ++i) squares += row[i] * row[i];
-    return std::sqrt(squares);
-  };
   Transmission found(static_cast<int>(k), static_cast<int>(n), static_cast<int>(p));
   if (!found.update(tie, static_cast<int>(p), drive) || found.free() > 0) return nb::none();
   const Made made({k, n});
   std::fill_n(made.reals(), k * n, 0);
-  for (const Transmission::Entry& each : found.driven()) {
-    // By a drive whose row is of unit length.
-    if (std::abs(each.ratio) * length(drive + each.drive * k) > 1e3) return nb::none();
+  for (const Transmission::Entry& each : found.driven())
     made.reals()[each.dof * n + each.drive] = each.ratio;
-  }
   return made.object;
 }
 

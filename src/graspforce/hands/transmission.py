@@ -97,14 +97,17 @@ def transmission(drives: Array, couplings: Array, stops: Array | None = None) ->
 
 def _determined(drives: Array, couplings: Array) -> Transmission | None:
     """Return the transmission where drives and couplings fix every joint's motion, else None."""
-    n, (r, none) = drives.shape[1], (len(drives), np.zeros((drives.shape[1], 0)))
-    if len(couplings) + r != n:
-        return None
-    driven = native.module.determined_motions(
+    driven: Array | None = native.module.determined_motions(
         np.ascontiguousarray(drives, dtype=float), np.ascontiguousarray(couplings, dtype=float)
     )
-    # Where it is near that they do not, rank is for the singular values to tell.
-    return None if driven is None else Transmission(driven, none, np.zeros((0, r)), none, (), ())
+    if driven is None:
+        return None
+    # Near where they do not, by drives of unit length, rank is for the singular values to tell.
+    sizes = np.sqrt((drives * drives).sum(axis=1))
+    if np.abs(driven * sizes).max(initial=0.0) > 1e3:
+        return None
+    none = np.zeros((len(driven), 0))
+    return Transmission(driven, none, np.zeros((0, len(drives))), none, (), ())
 
 
 def connected_dofs(moving: NDArray[np.bool_], rows: Array) -> NDArray[np.intp]:

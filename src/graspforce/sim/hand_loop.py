@@ -192,7 +192,6 @@ class HandLoop:
         self._soft = softness(weight, arm)
         self.alpha = alpha
         self._servo: Servo | None = None
-        self._internal = np.zeros((0, len(self.joint_names)))  # of the last tick that had any
         self._shape: tuple[int, ...] = ()
         self._c: Array | None = None
         self._tau = self.first_torques()
@@ -403,7 +402,7 @@ class HandLoop:
         if len(internal):
             internal = internal[internal.any(axis=1)]
         if len(internal):
-            fields["internal"] = self._internal = internal
+            fields["internal"] = internal
         if len(hand.b):
             fields["A"], fields["b"] = hand.A, hand.b
         if self._c is not None:
@@ -420,12 +419,14 @@ class HandLoop:
         return servo.solution
 
     def _motor_forces(self, hand: Actuation, bias: Array, solution: Solution) -> Array:
-        """Return what each motor gives, those that act by the solution, shape (n_joints,)."""
+        """Return what each motor gives, those that act by the solution, shape (n_joints,).
+
+        As ``solution.motor_forces``, of the tick's arrays: that makes a problem first, 20 µs.
+        """
         tau, acting = bias.copy(), self._columns
         tau[acting] += solution.c @ hand.J[:, acting]
-        internal = solution.internal_forces
-        if len(internal):
-            tau[acting] += internal @ self._internal
+        if self._servo is not None and self._servo.internal.size:
+            tau[acting] += solution.internal_forces @ self._servo.internal
         return tau
 
     def _softness(self, soft: Array) -> Array:
